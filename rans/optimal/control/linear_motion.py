@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,6 +31,16 @@ class LinearMotion:
     """(2 d,) where a point at rest at W's origin goes: zero unless gravity is uniform."""
 
     @classmethod
+    def free(cls, axes: int, time: float) -> LinearMotion:
+        """The motion of double integrators, of so many axes, over a time (s)."""
+        unit = np.eye(axes)
+        return cls(
+            np.kron([[1.0, time], [0.0, 1.0]], unit),
+            np.kron([[0.5 * time * time], [time]], unit),
+            np.zeros(2 * axes),
+        )
+
+    @classmethod
     def of(cls, drift: Drift, dimension: Literal[2, 3], time: float) -> LinearMotion:
         """The motion of one drift over a time (s): matrices of (2 d,) states, exact for thrust held over it.
 
@@ -51,13 +61,10 @@ class LinearMotion:
 
         matrix, offset = columns(time)
         if drift.in_straight_lines:
-            unit = np.eye(dimension)
-            effect = np.vstack([0.5 * time * time * unit, time * unit])
-        else:
-            effect = sum(
-                weight * time * columns((1.0 - node) * time)[0][:, dimension:]
-                for node, weight in _RULE
-            )
+            return replace(cls.free(dimension, time), offset=offset)
+        effect = sum(
+            weight * time * columns((1.0 - node) * time)[0][:, dimension:] for node, weight in _RULE
+        )
         return cls(matrix, np.asarray(effect), offset)
 
     def after(self, p: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

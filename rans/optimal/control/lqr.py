@@ -8,11 +8,10 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import checked
-from rans.flight import Controller
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.dead_thrusters import expecting_dead
+from rans.optimal.control.dead_thrusters import ExpectsDead
 from rans.optimal.control.regulator import (
     Deadband,
     ModelBased,
@@ -22,14 +21,13 @@ from rans.optimal.control.regulator import (
 )
 from rans.optimal.trajectory.allocation import inertia, rounding
 from rans.optimal.trajectory.guess import rotation_vector
-from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
 
 _WEIGHTS = Weights()
 _DEADBAND = Deadband()
 
 
-class LQR(ModelBased):
+class LQR(ExpectsDead, ModelBased):
     """Linear-quadratic regulator, allocation to the thrusters, sigma-delta rounding.
 
     >>> rans.LQR("floating-platform", "go-to-pose")
@@ -60,7 +58,7 @@ class LQR(ModelBased):
     ) -> None:
         super().__init__(craft, task, timing)
         craft = self._craft
-        self._weights = weights
+        self._settings = (weights, deadband)
         self._deadband = checked("deadband", deadband, Deadband)
         self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
@@ -69,28 +67,9 @@ class LQR(ModelBased):
             craft, self._timing.control_period, self._regulator.carried(craft)
         )
 
-    def expecting(self, conditions: Conditions | None) -> Controller:
-        """This regulator without the thrusters that are dead from the start in every episode of the conditions.
-
-        Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
-        """
-        return expecting_dead(
-            self,
-            conditions,
-            lambda craft: LQR(craft, self._task, self._timing, self._weights, self._deadband),
-        )
-
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._rounding.reset(count)
-
-    def memory(self) -> np.ndarray:
-        """What is remembered of every episode, (N, ...); `recall` takes it back, of any episodes."""
-        return self._rounding.owed
-
-    def recall(self, memory: np.ndarray) -> None:
-        """Go on from a `memory`, of as many episodes as it has."""
-        self._rounding.owed = memory
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""

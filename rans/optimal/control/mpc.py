@@ -7,7 +7,6 @@ they are independent, which curvature matrices and linear dynamics ask for.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,7 +15,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from rans.errors import Late, checked, whole
-from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.coordinates import around, coordinates
 from rans.model.drift import Drift
@@ -30,7 +28,7 @@ from rans.model.fields import (
 )
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.control.dead_thrusters import expecting_dead
+from rans.optimal.control.dead_thrusters import ExpectsDead
 from rans.optimal.control.regulator import (
     Deadband,
     ModelBased,
@@ -41,7 +39,6 @@ from rans.optimal.solver import solution_of
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.optimal.trajectory.arrival import path_margins
 from rans.optimal.trajectory.guess import rotation_vector
-from rans.randomization.conditions import Conditions
 from rans.scenario import scenario
 from rans.tasks.base import Task
 from rans.tasks.derived import goal_stands_still
@@ -57,17 +54,14 @@ class MPCSettings:
     """How an MPC looks ahead.
 
     Raises:
-        ConfigError: a value is not a positive whole number.
+        ConfigError: it is not a positive whole number.
     """
 
     horizon: int = 20
     """Control periods that are planned; 30 settle no sooner at 5 Hz and cost 1.4 times the time."""
-    iterations: int = 1
-    """Quadratic programs a control period; each starts from the plan of the one before."""
 
     def __post_init__(self) -> None:
-        for key in ("horizon", "iterations"):
-            whole(f"MPC: {key}", getattr(self, key))
+        whole("MPC: horizon", self.horizon)
 
 
 _WEIGHTS = Weights()
@@ -84,7 +78,7 @@ _SHARES = (1.0, 0.5, 0.25, 0.1, 0.03, 0.0)
 """Parts of the way from a plan to the next one, of which the best is gone where there are constraints."""
 
 
-class MPC(ModelBased):
+class MPC(ExpectsDead, ModelBased):
     """Plans the relaxed commands of the next seconds at every step and rounds the first to on/off.
 
     >>> from rans.optimal.control.mpc import MPCSettings
@@ -127,9 +121,9 @@ class MPC(ModelBased):
         craft = self._craft
         task = self._task
         timing = self._timing
-        self._weights = weights
         self._deadband = checked("deadband", deadband, Deadband)
-        self._settings = checked("settings", settings, MPCSettings)
+        checked("settings", settings, MPCSettings)
+        self._settings = (weights, deadband, settings)
         # The craft's means, and the regulator whose price continues the horizon.
         self._wrenches = _wrenches(craft)
         self._wheels = craft.wheel_count
@@ -149,36 +143,11 @@ class MPC(ModelBased):
         self.failures = 0
         """Quadratic programs since `reset` that PIQP did not solve: the plan before was flown on."""
 
-    def expecting(self, conditions: Conditions | None) -> Controller:
-        """This controller without the thrusters that are dead from the start in every episode of the conditions.
-
-        Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
-        """
-        return expecting_dead(
-            self,
-            conditions,
-            lambda craft: MPC(
-                craft, self._task, self._timing, self._weights, self._deadband, self._settings
-            ),
-        )
-
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._rounding.reset(count)
         self._plans = np.zeros((count, *self._plans.shape[1:]))
         self.failures = 0
-
-    def memory(self) -> np.ndarray:
-        """What is owed to every episode and its plan, (N, ...); see `recall`."""
-        debt = self._rounding.owed
-        width = math.prod(self._plans.shape[1:])
-        return np.column_stack([debt, self._plans.reshape(len(debt), width)])
-
-    def recall(self, memory: np.ndarray) -> None:
-        """Go on from a `memory`, of as many episodes as it has."""
-        size = self._rounding.owed.shape[1]
-        self._rounding.owed = memory[:, :size]
-        self._plans = memory[:, size:].reshape(len(memory), *self._plans.shape[1:]).copy()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
@@ -198,7 +167,7 @@ class MPC(ModelBased):
             [np.broadcast_to(h, len(rest)) for h in state.stores[int(self._tank) :][: self._wheels]]
         ).reshape(self._wheels, len(rest))
         self._plans[rest] = 0.0
-        for k in np.repeat(np.flatnonzero(~rest), self._settings.iterations):
+        for k in np.flatnonzero(~rest):
             better = self._program.improved(
                 self._plans[k], errors[:, k], goals[:, :, k], holding[k], momenta[:, k]
             )
@@ -216,7 +185,7 @@ class MPC(ModelBased):
         The solver's parameters have fields of a goal in the order of `rans.fields.leaves`.
         """
         period = self._timing.control_period
-        horizon = self._settings.horizon
+        horizon = self._plans.shape[2]
         size = np.shape(state.p.columns()[0])
 
         def column(time: float) -> list[np.ndarray]:
@@ -265,55 +234,66 @@ class _Program:
         period: float,
         margins: ca.Function | None = None,
     ) -> None:
-        """Make the program once: its matrices do not depend on states, only vectors change between solutions."""
+        """Make the program once: it is linearised anew for every solution."""
         thrusters = craft.thruster_count
         self._wheels = craft.wheel_count
         self._nozzles = thrusters + self._wheels
         self._count = horizon
-        self._size = 2 * craft.degrees_of_freedom
-        commands = horizon * self._nozzles
-        errors = horizon * self._size
-        self._linearised = self._linearisation(step)
+        size = 2 * craft.degrees_of_freedom
+        self._slacks = 0 if margins is None else margins.size1_out(0) * horizon
+        counts = [self._nozzles * horizon, size * horizon, self._slacks]
+        variables = ca.MX.sym("variables", sum(counts))
+        plan, errors, slacks = ca.vertsplit(variables, np.cumsum([0, *counts]).tolist())
+        plan = ca.reshape(plan, self._nozzles, horizon)
+        errors = ca.reshape(errors, size, horizon)
+        error = ca.MX.sym("error", size)
+        goals = ca.MX.sym("goals", step.size1_in(2), horizon + 1)
+        momenta = ca.MX.sym("momenta", self._wheels)
+        now, later = goals[:, :-1], goals[:, 1:]
+
+        # Rows with their bounds: the motion, shared thrust, momenta of wheels, and margins.
+        before = ca.horzcat(error, errors[:, :-1])
+        rows = [(errors - step.map(horizon)(before, plan, now, later), 0.0, 0.0)]
+        if craft.thrust_sharing == "split":
+            rows.append((ca.sum1(plan[:thrusters, :]), -np.inf, 1.0))
+        for number, wheel in enumerate(craft.wheels):
+            changes = wheel.max_torque * period * plan[thrusters + number, :]
+            spun = momenta[number] + ca.cumsum(changes, 1)
+            rows.append((spun, -wheel.max_momentum, wheel.max_momentum))
+        given = ca.MX.sym("given", plan.shape)
+        flown = step.mapaccum(horizon)(error, given, now, later)
+        missing = ca.MX(0, 1)
+        if margins is not None:
+            rows.append((ca.vec(margins.map(horizon)(errors, later)) + slacks, _RESERVE, np.inf))
+            missing = ca.fmax(_RESERVE - ca.vec(margins.map(horizon)(flown, later)), 0.0)
+        values = ca.vertcat(*(ca.vec(row) for row, _, _ in rows))
+        slope = ca.jacobian(values, variables)
+        self._linearised = ca.Function(
+            "linearised", [variables, error, goals, momenta], [values, slope]
+        )
+        # The variables of a plan as it is flown.
+        self._flown = ca.Function(
+            "flown", [given, error, goals], [ca.vertcat(ca.vec(given), ca.vec(flown), missing)]
+        )
+
         curvature = self._curvature(craft, regulator)
         self._effort = float(curvature[0, 0])
-        rows = horizon if craft.thrust_sharing == "split" else 0
-        sums = ca.kron(  # of the commands of a period
-            ca.DM.eye(rows), ca.horzcat(ca.DM.ones(1, thrusters), ca.DM(1, self._wheels))
-        )
-        self._sharing = ca.horzcat(sums, ca.DM(rows, commands + errors - sums.size2()))
-        self._momenta = np.array([wheel.max_momentum for wheel in craft.wheels])
-        changes = np.array([wheel.max_torque * period for wheel in craft.wheels])
-        of_wheels = ca.horzcat(ca.DM(self._wheels, thrusters), ca.diag(ca.DM(changes)))
-        summed = ca.kron(ca.DM(np.tril(np.ones((horizon, horizon)))), of_wheels)
-        self._spun = ca.sparsify(ca.horzcat(summed, ca.DM(summed.size1(), errors)))
+        self._curved = ca.diagcat(curvature, ca.DM(self._slacks, self._slacks))
+        self._limits = [
+            np.concatenate([np.full(row.numel(), bounds[side]) for row, *bounds in rows])
+            for side in range(2)
+        ]
         self._bounds = np.repeat([[0.0], [-1.0]], [thrusters, self._wheels], axis=0)
-        limits = ca.vertcat(
-            self._linearised.sparsity_out(1), self._sharing.sparsity(), self._spun.sparsity()
+        self._low = np.concatenate(
+            [np.tile(self._bounds[:, 0], horizon), np.repeat([-np.inf, 0.0], counts[1:])]
         )
-
-        # Constraints have a slack each, after commands and errors.
-        self._margins = None if margins is None else self._margin_rows(margins)
-        self._missing = None if margins is None else self._lacking(margins)
-        self._slacks = 0 if self._margins is None else self._margins.size1_out(0)
-        if self._margins is not None:
-            limits = ca.diagcat(limits, ca.Sparsity(0, self._slacks))
-            limits = ca.vertcat(limits, self._margins.sparsity_out(1))
-            curvature = ca.diagcat(curvature, ca.DM(self._slacks, self._slacks))
-
+        self._high = np.repeat([1.0, np.inf, np.inf], counts)
         self._solver = ca.conic(
             "plan",
             "piqp",
-            {"h": curvature.sparsity(), "a": limits},
+            {"h": self._curved.sparsity(), "a": slope.sparsity()},
             {"error_on_fail": False, "print_time": False},
         )
-        counts = [commands, errors, self._slacks]
-        self._fixed = {
-            "h": curvature,
-            "lbx": np.concatenate(
-                [np.tile(self._bounds[:, 0], horizon), np.repeat([-np.inf, 0.0], counts[1:])]
-            ),
-            "ubx": np.repeat([1.0, np.inf, np.inf], counts),
-        }
 
     def improved(
         self,
@@ -332,113 +312,38 @@ class _Program:
             holding: commands that hold the craft at its goal, (thrusters and wheels,).
             momenta: of the wheels now, (wheels,) N m s.
         """
-        flown, matrix = self._linearised(error, plan, goals)
-        slope = np.zeros(self._fixed["lbx"].shape)
+        # The program is of the change from the plan as it is flown.
+        flown = np.array(self._flown(plan, error, goals)).ravel()
+        values, matrix = self._linearised(flown, error, goals, ca.DM(momenta))
+        values = np.array(values).ravel()
+        slope = np.zeros(len(flown))
         slope[: plan.size] = np.tile(-self._effort * holding, self._count)
-        joined = matrix @ ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
-        sums = self._sharing.size1()
-        free, full = (
-            np.tile(sign * self._momenta - np.asarray(momenta), self._count) for sign in (-1.0, 1.0)
-        )
-        low = ca.vertcat(joined, -ca.inf * ca.DM.ones(sums), ca.DM(free))
-        high = ca.vertcat(joined, ca.DM.ones(sums), ca.DM(full))
-        limits = ca.vertcat(matrix, self._sharing, self._spun)
-        if self._margins is not None:
-            least, by_variables = self._margins(flown, goals)
-            slope[-self._slacks :] = _VIOLATION
-            limits = ca.vertcat(
-                ca.horzcat(limits, ca.DM(limits.size1(), self._slacks)), by_variables
-            )
-            low = ca.vertcat(low, least)
-            high = ca.vertcat(high, ca.inf * ca.DM.ones(self._slacks))
+        slope[len(flown) - self._slacks :] = _VIOLATION
         answer, statistics = solution_of(
-            self._solver, **self._fixed, g=slope, a=limits, lba=low, uba=high
+            self._solver,
+            h=self._curved,
+            g=self._curved @ flown + slope,
+            a=matrix,
+            lbx=self._low - flown,
+            ubx=self._high - flown,
+            lba=self._limits[0] - values,
+            uba=self._limits[1] - values,
         )
         if not statistics["success"]:
             return None
-        commands = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
-        better = np.clip(
-            commands, self._bounds, 1.0
-        )  # the interior point method leaves bounds a little
-        if self._missing is None:
+        change = np.array(answer["x"])[: plan.size].reshape(plan.shape, order="F")
+        # The interior point method leaves bounds a little.
+        better = np.clip(plan + change, self._bounds, 1.0)
+        if not self._slacks:
             return better
+
+        def cost(candidate: np.ndarray) -> float:
+            """Cost of a plan as it is flown, with what its margins lack, up to a constant."""
+            x = np.array(self._flown(candidate, error, goals)).ravel()
+            return float(0.5 * ca.bilin(self._curved, x, x)) + float(slope @ x)
+
         # Margins bend: of the way to the new plan that part is gone after which the flown plan costs least.
-        tried = [plan + fraction * (better - plan) for fraction in _SHARES]
-        return min(
-            tried, key=lambda candidate: self._cost(candidate, error, goals, slope[: plan.size])
-        )
-
-    def _cost(self, plan: np.ndarray, error: np.ndarray, goals: np.ndarray, slope: Any) -> float:
-        """Cost (a number) of a plan (nozzles, horizon) as it is flown, with what its margins lack.
-
-        Constants of the quadratic cost are left out, so that only differences of it count.
-        """
-        assert self._missing is not None
-        flown, _ = self._linearised(error, plan, goals)
-        variables = ca.vertcat(ca.vec(ca.DM(plan)), ca.vec(flown))
-        size = variables.size1()
-        curvature = self._fixed["h"][:size, :size]
-        missing = self._missing(flown, goals)
-        commands = plan.ravel(order="F")
-        cost = 0.5 * ca.bilin(curvature, variables, variables) + _VIOLATION * missing
-        return float(cost) + float(slope @ commands)
-
-    def _linearisation(self, step: ca.Function) -> ca.Function:
-        """(first error, plan, goals) to the errors along it and the matrix of e_k+1 - A_k e_k - B_k u_k.
-
-        Its columns are u_0 .. u_T-1, then e_1 .. e_T, and its rows k = 0 .. T-1, of the size of an error each. The
-        first error is no variable, so that rows of k = 0 are e_1 - B_0 u_0.
-        """
-        error = ca.MX.sym("error", self._size)
-        goals = ca.MX.sym("goals", step.size1_in(2), self._count + 1)
-        now, later = goals[:, :-1], goals[:, 1:]
-        plan = ca.MX.sym("plan", self._nozzles, self._count)
-        flown = step.mapaccum(self._count)(error, plan, now, later)
-        before = ca.horzcat(error, flown[:, :-1])
-        x, u, g, h = (ca.SX.sym(n, step.size1_in(i)) for i, n in enumerate("xugh"))
-        after = step(x, u, g, h)
-        gradient = ca.Function(
-            "gradient", [x, u, g, h], [ca.jacobian(after, x), ca.jacobian(after, u)]
-        )
-        by_error, by_command = gradient.map(self._count)(before, plan, now, later)
-        _, *others = ca.horzsplit(by_error, self._size)
-        from_before = ca.diagcat(
-            ca.MX(self._size, 0), *others, ca.MX(0, self._size)
-        )  # one block lower
-        matrix = ca.horzcat(
-            -ca.diagcat(*ca.horzsplit(by_command, self._nozzles)),
-            ca.MX.eye(from_before.size1()) - from_before,
-        )
-        return ca.Function("linearised", [error, plan, goals], [flown, matrix])
-
-    def _margin_rows(self, margins: ca.Function) -> ca.Function:
-        """(errors along the plan, goals) to least values of, and the matrix of, G_k e_k + s_k.
-
-        The last columns are slacks, one a margin, at the price `_VIOLATION`: a plan exists always.
-        """
-        flown = ca.MX.sym("flown", self._size, self._count)
-        goals = ca.MX.sym("goals", margins.size1_in(1), self._count + 1)
-        e, g = (ca.SX.sym(n, margins.size1_in(i)) for i, n in enumerate("eg"))
-        value = margins(e, g)
-        slope = ca.jacobian(value, e)
-        linearized = ca.Function("one", [e, g], [_RESERVE - value + slope @ e, slope])
-        least, slopes = linearized.map(self._count)(flown, goals[:, 1:])
-        by_errors = ca.diagcat(*ca.horzsplit(slopes, self._size))
-        matrix = ca.horzcat(
-            ca.MX(by_errors.size1(), self._nozzles * self._count),
-            by_errors,
-            ca.MX.eye(by_errors.size1()),
-        )
-        return ca.Function("margins", [flown, goals], [ca.vec(least), matrix])
-
-    def _lacking(self, margins: ca.Function) -> ca.Function:
-        """(errors along the plan, goals) to the sum of what margins lack."""
-        flown = ca.MX.sym("flown", self._size, self._count)
-        goals = ca.MX.sym("goals", margins.size1_in(1), self._count + 1)
-        value = margins.map(self._count)(flown, goals[:, 1:])
-        return ca.Function(
-            "lacking", [flown, goals], [ca.sum1(ca.fmax(_RESERVE - ca.vec(value), 0.0))]
-        )
+        return min((plan + fraction * (better - plan) for fraction in _SHARES), key=cost)
 
     def _curvature(self, craft: Spacecraft, regulator: Regulator) -> ca.DM:
         """Full thrust along the axis that takes it costs 1, as it does for the regulator.

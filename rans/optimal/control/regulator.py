@@ -36,7 +36,7 @@ class Weights:
     Larger ones save thrust and take longer. Where a position is held, the speed that costs as much
     follows from the deviation s and the acceleration a at full thrust: sqrt(a s). On its way in from
     far away an LQR then keeps to speeds that it can brake from as long as it starts within 6 s:
-    see `Axis`. The same holds for the attitude.
+    see `Gains`. The same holds for the attitude.
 
     Raises:
         ConfigError: a deviation is not a finite number > 0.
@@ -229,92 +229,49 @@ class ModelBased:
 
 
 @dataclass(frozen=True)
-class Axis:
-    """The discrete-time LQR of one double integrator, or of its velocity alone.
-
-    With deviation s and acceleration a the gain tends to k = a / s and d = sqrt(3 k) for short periods:
-    a damping ratio of 0.87. From a distance e the approach is then at most k e / d fast, and braking
-    takes (k e / d)^2 / (2 a) = e^2 / (6 s): less than e as long as e < 6 s.
-    """
-
-    price: np.ndarray
-    """(2,) of deviation and speed squared; that of a deviation that is not held is 0."""
-    cost_to_go: np.ndarray
-    """(2, 2)"""
-    gain: np.ndarray
-    """(2,) stiffness (1/s^2) and damping (1/s)."""
-
-    @classmethod
-    def held(cls, period: float, acceleration: float, deviation: float) -> Axis:
-        """Brings the deviation back to zero."""
-        return cls._solved(
-            period, acceleration, 1.0 / deviation**2, 1.0 / (acceleration * deviation)
-        )
-
-    @classmethod
-    def free(cls, period: float, acceleration: float, speed: float) -> Axis:
-        """Brings the speed to zero, wherever that is."""
-        return cls._solved(period, acceleration, 0.0, 1.0 / speed**2)
-
-    @classmethod
-    def _solved(cls, period: float, acceleration: float, *price: float) -> Axis:
-        """Axis of a double integrator at these prices, by the Riccati equation.
-
-        A price of 0 for the position leaves its gain at 0; `Gains.coupled` is its counterpart in a drift.
-        """
-        from scipy.linalg import solve_discrete_are
-
-        priced = slice(0 if price[0] > 0 else 1, 2)
-        motion = np.array([[1.0, period], [0.0, 1.0]])[priced, priced]
-        effect = np.array([[0.5 * period**2], [period]])[priced]
-        effort = np.array([[1.0 / acceleration**2]])
-        cost_to_go = np.zeros((2, 2))
-        gain = np.zeros(2)
-        p = solve_discrete_are(motion, effect, np.diag(price[priced]), effort)
-        cost_to_go[priced, priced] = p
-        gain[priced] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ motion)[0]
-        return cls(np.array(price), cost_to_go, gain)
-
-
-@dataclass(frozen=True)
 class Gains:
-    """The discrete-time LQR of d axes together: of their deviations, then of their rates.
+    """The discrete-time LQR of d axes: of their deviations, then of their rates.
 
-    Numbers are those of `Axis` where the axes move alone; where a drift couples them, as that of Clohessy and
-    Wiltshire does, they solve the Riccati equation of the coupled motion, at the same prices.
+    With deviation s and acceleration a the gain of an axis that moves alone tends to k = a / s and d = sqrt(3 k)
+    for short periods: a damping ratio of 0.87. From a distance e the approach is then at most k e / d fast, and
+    braking takes (k e / d)^2 / (2 a) = e^2 / (6 s): less than e as long as e < 6 s.
     """
 
     price: np.ndarray
-    """(2,) of a deviation and a rate squared, along every axis."""
+    """(2,) of a deviation and a rate squared, along every axis; that of a deviation that is not held is 0."""
     cost_to_go: np.ndarray
     """(2 d, 2 d)"""
     gain: np.ndarray
     """(d, 2 d) accelerations of deviations and rates, which they bring to zero."""
 
     @classmethod
-    def of_axes(cls, axis: Axis, count: int) -> Gains:
-        """Gains of so many equal axes that move alone."""
-        unit = np.eye(count)
-        return cls(axis.price, np.kron(axis.cost_to_go, unit), np.kron(axis.gain[None], unit))
+    def of(
+        cls, motion: LinearMotion, acceleration: float, rate: float, deviation: float | None
+    ) -> Gains:
+        """Solve the Riccati equation of a motion in a control period.
 
-    @classmethod
-    def coupled(cls, axis: Axis, motion: LinearMotion, acceleration: float) -> Gains:
-        """Gains of axes that a drift couples, at the prices of one of them."""
+        Args:
+            motion: of all axes together, which a drift may couple.
+            acceleration: at full thrust, which costs 1.
+            rate: that costs as much where no deviation is held.
+            deviation: that costs as much; None: none is held, and rates are brought to zero anywhere.
+        """
         from scipy.linalg import solve_discrete_are
 
+        price = np.array([0.0, 1.0 / rate**2])
+        if deviation is not None:
+            price = np.array([1.0 / deviation**2, 1.0 / (acceleration * deviation)])
         count = motion.effect.shape[1]
-        priced = slice(0 if axis.price[0] > 0 else count, 2 * count)
+        priced = slice(count if deviation is None else 0, 2 * count)
         matrix = motion.matrix[priced, priced]
         effect = motion.effect[priced]
         effort = np.eye(count) / acceleration**2
-        p = solve_discrete_are(
-            matrix, effect, np.diag(np.repeat(axis.price, count)[priced]), effort
-        )
+        p = solve_discrete_are(matrix, effect, np.diag(np.repeat(price, count)[priced]), effort)
         cost_to_go = np.zeros((2 * count, 2 * count))
         cost_to_go[priced, priced] = p
         gain = np.zeros((count, 2 * count))
         gain[:, priced] = np.linalg.solve(effort + effect.T @ p @ effect, effect.T @ p @ matrix)
-        return cls(axis.price, cost_to_go, gain)
+        return cls(price, cost_to_go, gain)
 
     @classmethod
     def none(cls, count: int) -> Gains:
@@ -353,26 +310,16 @@ class Regulator:
         else:
             push, turn = 0.0, WheelTorques(craft, period).acceleration(inertia(craft))
         motion = LinearMotion.of(task.drift, craft.dimension, period)
-        if push == 0.0:
-            translation = Gains.none(craft.dimension)
-        else:
-            axis = (
-                Axis.held(period, push, weights.position * distance_scale(task, craft))
-                if "position" in held
-                else Axis.free(period, push, weights.velocity)
-            )
-            translation = (
-                Gains.of_axes(axis, craft.dimension)
-                if task.drift.in_straight_lines
-                else Gains.coupled(axis, motion, push)
-            )
+        translation = Gains.none(craft.dimension)
+        if push > 0.0:
+            far = weights.position * distance_scale(task, craft) if "position" in held else None
+            translation = Gains.of(motion, push, weights.velocity, far)
         angles = craft.degrees_of_freedom - craft.dimension
-        if not can_turn(craft):
-            rotation = Gains.none(angles)
-        elif "attitude" in held:
-            rotation = Gains.of_axes(Axis.held(period, turn, weights.attitude), angles)
-        else:
-            rotation = Gains.of_axes(Axis.free(period, turn, weights.spin), angles)
+        rotation = Gains.none(angles)
+        if can_turn(craft):
+            free = LinearMotion.free(angles, period)
+            angle = weights.attitude if "attitude" in held else None
+            rotation = Gains.of(free, turn, weights.spin, angle)
         return cls(translation, rotation, motion)
 
     def holding(self, state: Any, goal: Any, later: Any) -> np.ndarray:

@@ -12,13 +12,12 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import ConfigError, checked
-from rans.flight import Controller
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
-from rans.optimal.control.dead_thrusters import expecting_dead
+from rans.optimal.control.dead_thrusters import ExpectsDead
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import (
     Deadband,
@@ -29,7 +28,6 @@ from rans.optimal.control.regulator import (
 from rans.optimal.trajectory.allocation import Allocation, ThrusterPatterns, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.optimal.trajectory.wheel_torques import WheelTorques
-from rans.randomization.conditions import Conditions
 from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
@@ -78,7 +76,7 @@ _PARTS = 0.5 ** np.arange(8.0)
 """Parts of a pulse that throttled and pulsed thrusters give."""
 
 
-class Switching(ModelBased):
+class Switching(ExpectsDead, ModelBased):
     """Opens the thrusters after whose pulse the goal is nearest in time, and none within a dead band.
 
     >>> from rans.optimal.control.switching import Curve
@@ -128,6 +126,7 @@ class Switching(ModelBased):
         super().__init__(craft, task, timing)
         self._deadband = checked("deadband", deadband, Deadband)
         self._curve = checked("curve", curve, Curve)
+        self._settings = (curve, deadband)
         craft = self._craft
         self._period = self._timing.control_period
         self._patterns = ThrusterPatterns(craft)
@@ -163,30 +162,11 @@ class Switching(ModelBased):
                 "guidance, or stronger thrusters."
             )
 
-    def expecting(self, conditions: Conditions | None) -> Controller:
-        """This controller without the thrusters that are dead from the start in every episode of the conditions.
-
-        Where the others cannot push and turn the craft in every direction, it flies as if none were dead.
-        """
-        return expecting_dead(
-            self,
-            conditions,
-            lambda craft: Switching(craft, self._task, self._timing, self._curve, self._deadband),
-        )
-
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
         self._last = np.zeros((count, self._last.shape[1]), bool)
         if self._afterwards is not None:
             self._afterwards.reset(count)
-
-    def memory(self) -> np.ndarray:
-        """What is remembered of every episode, (N, ...); `recall` takes it back, of any episodes."""
-        return self._last
-
-    def recall(self, memory: np.ndarray) -> None:
-        """Go on from a `memory`, of as many episodes as it has."""
-        self._last = memory
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """Commands (N, n) from the state, not the observation; remembers the last patterns."""

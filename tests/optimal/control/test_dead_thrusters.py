@@ -18,7 +18,6 @@ from rans.model.spacecraft import is_steerable
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.allocation import Allocation, rounding
 from rans.randomization.conditions import Conditions, FaultConditions
-from rans.scenario import scenarios
 from rans.tasks import GoToPose
 
 DEAD = Conditions(faults=FaultConditions(thrusters=(3,), kinds=("dead",)))
@@ -87,19 +86,3 @@ def test_wheels_carry_the_torque_of_an_incomplete_layout() -> None:
             given[3:] += commands[7:] @ turns
             # Pulses are a thousandth of a period long.
             np.testing.assert_allclose(given, wanted[0], atol=1e-4)
-
-
-def test_memory_goes_on() -> None:
-    """What is owed after some periods gives the same next commands in another controller."""
-    setup = setup_of("floating-platform")
-    first: Any = controller("lqr", setup)
-    second: Any = controller("lqr", setup)
-    starts = scenarios(setup.task, setup.craft, 5, 4)
-    nothing = np.zeros((4, 10), np.float32)
-    first.reset(4)
-    for _ in range(3):
-        first.act(starts.start, starts.goal, nothing)
-    second.reset(4)
-    second.recall(first.memory())
-    expected = first.act(starts.start, starts.goal, nothing)
-    np.testing.assert_array_equal(second.act(starts.start, starts.goal, nothing), expected)

@@ -71,11 +71,12 @@ def test_the_mpcs_prediction_is_the_engines_step(craft: Spacecraft, chased: bool
     controller = MPC(craft, task, timing)
     goals = controller._goals(start, starts.goal)
     errors = shortest(start, starts.goal)
-    linearised = controller._program._linearised
-    plan = np.zeros((len(craft.thrusters), controller._settings.horizon))
+    flown = controller._program._flown
+    plan = np.zeros(controller._plans.shape[1:])
     for k in range(5):
         plan[:, 0] = commands[k]
-        predicted = np.array(linearised(errors[:, k], plan, goals[:, :, k])[0])[:, 0]
+        variables = np.array(flown(plan, errors[:, k], goals[:, :, k]))[:, 0]
+        predicted = variables[plan.size :][: len(errors)]
         goal = map_leaves(lambda x, k=k: np.asarray(x)[k], outcome.episode.goal)
         there = around(goal, predicted)
         engine = map_leaves(lambda x, k=k: np.asarray(x)[k], outcome.episode.state)
