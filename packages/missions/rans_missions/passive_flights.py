@@ -65,16 +65,10 @@ def passive_safety(
     Raises:
         ConfigError: the mission has no circular orbit, or no zone.
     """
-    from rans_missions.passive_safety import (
-        coast_zone,
-        joined,
-        least_distances,
-        pieces_of_periods,
-        single_coasts,
-    )
+    from rans_missions.passive_safety import coasts_of_flights, least_distances, single_coasts
 
     drift = flight.task.drift
-    zone = coast_zone(flight.task) if zone is None else zone
+    zone = getattr(flight.task, "coast_zone", None) if zone is None else zone
     if not isinstance(drift, ClohessyWiltshire) or flight.craft.dimension != 3:
         raise ConfigError(
             f"passive safety is that of missions in space on a circular orbit, such as hold, and "
@@ -97,29 +91,17 @@ def passive_safety(
     counted &= np.logical_and.accumulate(away[:-1], axis=0) & finite[1:] & finite[:-1]
     everyone = np.arange(count)
     start = least_distances(n, single_coasts(states[0], np.full(count, seconds), everyone), count)
-    safe_start = start >= zone.radius
-    # Families of coasts from the midst of burns.
-    burning = counted & (flight.commands != 0.0).any(axis=2)
-    families = burning.copy()
-    families[0] &= safe_start
-    step, who = np.nonzero(families)
-    pieces = [
-        pieces_of_periods(
-            n, states[step, who], states[step + 1, who], period, seconds, zone.radius, who
-        )
-    ]
-    # Coasts from the ends of burns, and from the start, until the next burn begins and the time after it.
-    step, who = np.nonzero(burning)
-    last = counted.sum(axis=0)
-    upcoming = np.where(burning, np.arange(periods)[:, None], last)
-    upcoming = np.minimum.accumulate(upcoming[::-1], axis=0)[::-1]
-    upcoming = np.concatenate([upcoming, last[None]])
-    quiet = (upcoming[step + 1, who] - step - 1) * period
-    pieces.append(single_coasts(states[step + 1, who], seconds + quiet, who))
-    first = upcoming[0] * period
-    waiting = np.flatnonzero(safe_start | (first > 0.0))
-    pieces.append(single_coasts(states[0][waiting], seconds + first[waiting], waiting))
-    return PassiveSafety(zone, seconds, least_distances(n, joined(pieces), count), start)
+    coasts = coasts_of_flights(
+        n,
+        states,
+        counted & (flight.commands != 0.0).any(axis=2),
+        counted.sum(axis=0),
+        period,
+        seconds,
+        zone.radius,
+        start >= zone.radius,
+    )
+    return PassiveSafety(zone, seconds, least_distances(n, coasts, count), start)
 
 
 def samples(flight: Flight) -> Iterator[Sample]:

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import ClohessyWiltshire, Task, Vec3
+from rans.extend import ClohessyWiltshire, Vec3
 
 PRECISION = 0.01
 """Largest error of a distance from line segments, m: a hundredth of the least position tolerance of a mission."""
@@ -43,14 +43,6 @@ class CoastZone(NamedTuple):
     approach: float = 0.0
     """Distance from the target within which the craft flies to it on purpose, m: from the first instant there on
     coasts may lead anywhere. 0: there is none."""
-
-
-def coast_zone(task: Task) -> CoastZone | None:
-    """Zone around W's origin that craft of a task keep out of when all thrusters shut; None: there is none.
-
-    It is the property `coast_zone` of the task.
-    """
-    return getattr(task, "coast_zone", None)
 
 
 class Pieces(NamedTuple):
@@ -129,6 +121,49 @@ def pieces_of_periods(
     if not blocks:
         return single_coasts(before, np.zeros(0), flight)
     return joined(blocks)
+
+
+def coasts_of_flights(
+    mean_motion: float,
+    states: np.ndarray,
+    burning: np.ndarray,
+    lengths: np.ndarray,
+    period: float,
+    seconds: float,
+    scale: float,
+    is_safe_start: np.ndarray,
+) -> Pieces:
+    """Coasts of N flights if thrusters shut at any instant, also in the midst of a burn.
+
+    Where the coast from the start enters the zone, instants count from the end of the first control period on.
+
+    Args:
+        mean_motion: mean motion n of the target's orbit, rad/s.
+        states: states at the ends of control periods, (T + 1, N, 6).
+        burning: whether a flight burns in a period, (T, N); False in periods that do not count.
+        lengths: number of periods of each flight that count, (N,).
+        period: control period, s.
+        seconds: time after thrusters shut for which coasts last, s.
+        scale: distance, m, a small part of which chords may be off by.
+        is_safe_start: whether the coast from the start keeps out of the zone, (N,).
+    """
+    # Families of coasts from the midst of burns.
+    families = burning.copy()
+    families[0] &= is_safe_start
+    step, who = np.nonzero(families)
+    midst = pieces_of_periods(
+        mean_motion, states[step, who], states[step + 1, who], period, seconds, scale, who
+    )
+    # Coasts from the ends of burns, and from the start, until the next burn begins and the time after it.
+    upcoming = np.where(burning, np.arange(len(burning))[:, None], lengths)
+    upcoming = np.minimum.accumulate(upcoming[::-1], axis=0)[::-1]
+    upcoming = np.concatenate([upcoming, lengths[None]])
+    waiting = np.flatnonzero(is_safe_start | (upcoming[0] > 0))
+    step, who = np.nonzero(burning)
+    step = np.concatenate([np.zeros(len(waiting), int), step + 1])
+    who = np.concatenate([waiting, who])
+    quiet = (upcoming[step, who] - step) * period
+    return joined([midst, single_coasts(states[step, who], seconds + quiet, who)])
 
 
 def single_coasts(states: np.ndarray, time: np.ndarray, flight: np.ndarray) -> Pieces:

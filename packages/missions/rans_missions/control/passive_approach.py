@@ -7,8 +7,6 @@ frame.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -20,11 +18,10 @@ from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (
     Pieces,
     carried,
-    coast_zone,
+    coasts_of_flights,
     joined,
     keep_away,
     least_distances,
-    pieces_of_periods,
     pushed,
     single_coasts,
 )
@@ -64,31 +61,39 @@ _CLEAR = 0.1
 """Least distance of the coasts of a predicted flight from the zone, m: for rounding to pulses."""
 
 
-@dataclass
-class _Plan:
-    """Plan of one flight with L coasts."""
-
-    times: np.ndarray
-    """(L + 1,) instants of the burns, s: the middle of each."""
-    begins: np.ndarray
-    """(L + 1,) instants at which the burns begin, s."""
-    points: np.ndarray
-    """(L, 3) where each coast ends, m."""
+_MOST_LEGS = 4
+"""Largest number of coasts of a plan."""
 
 
-class _Batch(NamedTuple):
-    """K plans of one start with L coasts each."""
+class _Plans(NamedTuple):
+    """K plans, each with a row of up to four coasts: behind its last one the times are infinite."""
 
     price: np.ndarray
     """(K,) sum of the changes of velocity along the axes, m/s."""
     times: np.ndarray
-    """(K, L + 1) instants of the burns, s."""
+    """(K, 5) instants of the burns, s: the middle of each."""
+    begins: np.ndarray
+    """(K, 5) instants at which the burns begin, s."""
     points: np.ndarray
-    """(K, L, 3) where each coast ends, m."""
+    """(K, 4, 3) where each coast ends, m."""
     before: np.ndarray
-    """(K, L + 1, 6) states before each burn."""
+    """(K, 5, 6) states before each burn, if burns are impulses; behind the last one at rest at the goal."""
     after: np.ndarray
-    """(K, L + 1, 6) states after each burn."""
+    """(K, 5, 6) states after each burn."""
+
+    def rows(self, numbers: Any) -> _Plans:
+        """The plans with these numbers."""
+        return _Plans(*(x[numbers] for x in self))
+
+    @property
+    def ends(self) -> np.ndarray:
+        """(K,) instant of each plan's last burn, s."""
+        return np.max(self.times, axis=1, where=np.isfinite(self.times), initial=0.0)
+
+
+def _all(plans: list[_Plans]) -> _Plans:
+    """The plans of several batches."""
+    return _Plans(*(np.concatenate(x) for x in zip(*plans, strict=True)))
 
 
 class PassiveApproach(VelocityGuidance[Hold]):
@@ -119,12 +124,12 @@ class PassiveApproach(VelocityGuidance[Hold]):
     heeds_constraints: ClassVar[bool] = True
     mission = Hold
     purpose = "passive approach flies to hold points"
-    _plans: Sequence[_Plan] = ()
+    _plans: _Plans | None = None
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`; forgets plans."""
         super().reset(count)
-        self._plans = ()
+        self._plans = None
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
         """Changes of velocity (N, 3), m/s, and which rows burn; see the base.
@@ -134,30 +139,32 @@ class PassiveApproach(VelocityGuidance[Hold]):
         """
         states = motion_of(state)
         goals = np.stack(goal.p.columns(), axis=1)
-        if not self._plans:
+        if self._plans is None:
             deadlines = np.asarray(goal.notes.deadline)
-            self._plans = [self._plan(*row) for row in zip(states, goals, deadlines, strict=True)]
+            rows = zip(states, goals, deadlines, strict=True)
+            self._plans = _all([self._plan(*row) for row in rows])
         change = self._change_by_plans(self._plans, states, goals, now)
         staying = np.stack(self.task.staying(state, goal).columns(), axis=1)
         away = np.linalg.norm(states[:, :3] - goals, axis=1) > self.task.position_tolerance * _EDGE
-        over = np.array([now > plan.times[-1] + _ARRIVED * self._period for plan in self._plans])
+        over = now > self._plans.ends + _ARRIVED * self._period
         change = np.where((over & away)[:, None], staying - states[:, 3:], change)
         burns: Any = change.any(axis=1)
         return change, burns
 
     def _change_by_plans(
-        self, plans: Sequence[_Plan], states: np.ndarray, goals: np.ndarray, now: float
+        self, plans: _Plans, states: np.ndarray, goals: np.ndarray, now: float
     ) -> np.ndarray:
         """(N, 3) change of velocity in W, m/s, that plans ask of this period; a burn acts in its middle.
 
         Burns keep their direction where a component exceeds what a period can give.
         """
         # Number of burns that have begun, of which the last one leads to the end of the present coast.
-        begun = np.array([np.sum(now >= plan.begins - 1e-6) for plan in plans])
-        coasts = np.array([len(plan.points) for plan in plans])
+        begun = (now >= plans.begins - 1e-6).sum(axis=1)
+        coasts = np.isfinite(plans.times).sum(axis=1) - 1
         present = np.clip(begun, 1, coasts) - 1
-        target = np.stack([plan.points[k] for plan, k in zip(plans, present, strict=True)])
-        end = np.array([plan.times[k + 1] for plan, k in zip(plans, present, strict=True)])
+        every = np.arange(len(states))
+        target = plans.points[every, present]
+        end = plans.times[every, present + 1]
         to_target = self._change_to_coast(states, target, end, now)
         # After the last burn the craft stays on the closed ellipse around the hold point.
         n = self.task.mean_motion
@@ -172,146 +179,75 @@ class PassiveApproach(VelocityGuidance[Hold]):
         change = change * np.minimum(1.0, most / np.maximum(largest, 1e-12))
         return np.where((begun[:, None] > 0) & (largest > _TRIM), change, 0.0)
 
-    def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plan:
+    def _plan(self, start: np.ndarray, goal: np.ndarray, deadline: float) -> _Plans:
         """The cheapest plan from a state (6,) whose coasts are safe; else the cheapest of all that were drawn.
 
         The order of draws decides which plan is flown; recorded flights and published rows have it.
         """
-        is_unsafe_start = self._coast_distance(start) < self._radius
-        cheapest, price = None, math.inf
+        n, zone = self.task.mean_motion, self.task.keep_out
+        coast = single_coasts(start[None], np.array([self._orbit]), np.array([0]))
+        is_safe_start = least_distances(n, coast, 1) >= zone
+        cheapest: list[_Plans] = []
         for draw in range(_DRAWS):
-            batches = self._drawn(draw, start, goal, deadline)
-            safe = self._safest(batches, start, goal, is_unsafe_start)
-            if safe is not None:
-                return safe
-            for batch in batches:
-                row = int(np.argmin(batch.price))
-                if batch.price[row] < price:
-                    cheapest, price = self._plan_of(batch, row), float(batch.price[row])
-        assert cheapest is not None
-        return cheapest
+            random = np.random.default_rng(draw)
+            sizes = _MORE_LEGS if draw else _LEGS
+            plans = _all([self._sampled(random, *size, start, goal, deadline) for size in sizes])
+            order = np.argsort(plans.price, kind="stable")
+            cheapest.append(plans.rows(order[:1]))
+            order = order[plans.price[order] < _IMPOSSIBLE]
+            for begin in range(0, len(order), _CHECKED):
+                some = plans.rows(order[begin : begin + _CHECKED])
+                impulses = self._coasts_of_impulses(some, is_safe_start)
+                kept = keep_away(n, impulses, len(some.price), zone)
+                some = some.rows(np.flatnonzero(kept)[:_PREDICTED])
+                if not len(some.price):
+                    continue
+                flown = self._coasts_of_flights(some, start, goal, is_safe_start)
+                safe = np.flatnonzero(least_distances(n, flown, len(some.price)) > zone + _CLEAR)
+                if len(safe):
+                    return some.rows(safe[:1])
+        drawn = _all(cheapest)
+        return drawn.rows([np.argmin(drawn.price)])
 
-    def _drawn(
-        self, draw: int, start: np.ndarray, goal: np.ndarray, deadline: float
-    ) -> list[_Batch]:
-        """Plans from a state (6,), of each number of coasts; other ones in every draw, the same for all starts."""
-        random = np.random.default_rng(draw)
-        sizes = _MORE_LEGS if draw else _LEGS
-        return [self._sampled(random, legs, count, start, goal, deadline) for legs, count in sizes]
+    def _coasts_of_impulses(self, plans: _Plans, is_safe_start: np.ndarray) -> Pieces:
+        """Coasts of K plans if burns are impulses, for an orbit after thrusters shut after any part of one.
 
-    def _safest(
-        self, batches: list[_Batch], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
-    ) -> _Plan | None:
-        """The cheapest plan of those drawn whose coasts are safe, as it is flown; None: there is none.
-
-        Start and goal are rows (6,) and (3,), m and m/s.
+        Where the coast from the start enters the ball, the first burn does not count.
         """
-        # Plans have numbers across the batches, each of which has another number of coasts.
-        batch_of = np.repeat(np.arange(len(batches)), [len(batch.price) for batch in batches])
-        row_of = np.concatenate([np.arange(len(batch.price)) for batch in batches])
+        counted = np.ones(plans.times.shape, bool)
+        counted[:, 0] = is_safe_start
+        who, burn = np.nonzero(counted)
+        zero = np.zeros(len(who))
+        midst = Pieces(
+            plans.before[who, burn], plans.after[who, burn], zero + self._orbit, zero, who
+        )
+        who, burn = np.nonzero(np.isfinite(plans.times[:, 1:]))
+        lasting = plans.times[who, burn + 1] - plans.times[who, burn]
+        return joined([midst, single_coasts(plans.after[who, burn], lasting + self._orbit, who)])
 
-        def plans(numbers: np.ndarray) -> list[_Plan]:
-            return [self._plan_of(batches[batch_of[i]], int(row_of[i])) for i in numbers]
-
-        def safe_impulses(numbers: np.ndarray) -> np.ndarray:
-            """Least distances (K,) (m) of coasts after impulses of the plans with these numbers.
-
-            A quick look before they are flown.
-            """
-            pieces = []
-            for k, batch in enumerate(batches):
-                flight = np.flatnonzero(batch_of[numbers] == k)
-                if len(flight):
-                    rows = row_of[numbers[flight]]
-                    pieces.extend(self._coasts_of_impulses(batch, rows, flight, is_unsafe_start))
-            coasts = joined(pieces)
-            return keep_away(self.task.mean_motion, coasts, len(numbers), self._radius)
-
-        price = np.concatenate([batch.price for batch in batches])
-        order = np.argsort(price, kind="stable")
-        order = order[price[order] < _IMPOSSIBLE]
-        for begin in range(0, len(order), _CHECKED):
-            numbers = order[begin : begin + _CHECKED]
-            some = plans(numbers[safe_impulses(numbers)][:_PREDICTED])
-            if not some:
-                continue
-            distances = self._distance_of_flights(some, start, goal, is_unsafe_start)
-            safe = np.flatnonzero(distances > self._radius + _CLEAR)
-            if len(safe):
-                return some[safe[0]]
-        return None
-
-    def _plan_of(self, batch: _Batch, row: int) -> _Plan:
-        """One plan of a batch; its first burn begins at once, the others half of their duration earlier."""
-        times = batch.times[row]
-        begins = times - 0.5 * self._durations((batch.after[row] - batch.before[row])[:, 3:])
-        begins[0] = 0.0
-        return _Plan(times, begins, batch.points[row])
-
-    def _coasts_of_impulses(
-        self, batch: _Batch, rows: np.ndarray, flight: np.ndarray, is_unsafe_start: bool
-    ) -> Iterator[Pieces]:
-        """Families of coasts of plans if burns are impulses, for an orbit after thrusters shut.
-
-        Args:
-            batch: plans.
-            rows: numbers (K,) of the plans in the batch.
-            flight: numbers (K,) of their flights.
-            is_unsafe_start: whether the coast from the start enters the ball; the first burn then does not count.
-        """
-        zero = np.zeros(len(rows))
-        burns = batch.before.shape[1]
-        for j in range(burns):
-            before, after = batch.before[rows, j], batch.after[rows, j]
-            if j > 0 or not is_unsafe_start:
-                # Thrusters may shut after any part of a burn.
-                yield Pieces(before, after, zero + self._orbit, zero, flight)
-            if j + 1 < burns:
-                lasting = self._orbit + batch.times[rows, j + 1] - batch.times[rows, j]
-                yield single_coasts(after, lasting, flight)
-
-    def _distance_of_flights(
-        self, plans: list[_Plan], start: np.ndarray, goal: np.ndarray, is_unsafe_start: bool
-    ) -> np.ndarray:
-        """Distance (K,), m, that coasts of plans keep, with constant thrust in every control period.
-
-        Where the coast from the start enters the zone itself, neither it nor coasts from within a burn in the first
-        control period count.
-        """
+    def _coasts_of_flights(
+        self, plans: _Plans, start: np.ndarray, goal: np.ndarray, is_safe_start: np.ndarray
+    ) -> Pieces:
+        """Coasts of K plans as they are flown from a state (6,), with constant thrust in every control period."""
         n, period = self.task.mean_motion, self._period
-        count = len(plans)
+        count = len(plans.price)
         goals = np.tile(goal, (count, 1))
-        last = max(plan.times[-1] for plan in plans) + self.task.hold_seconds
-        # Coasts since the last burn of each flight, and the instant at which they began.
-        coasts = states = np.tile(start, (count, 1))
-        since = np.zeros(count)
-        pieces = []
-        for step in range(math.ceil(last / period)):
-            now = step * period
-            change = self._change_by_plans(plans, states, goals, now)
-            after = pushed(n, states, change / period, period)
-            burn = np.flatnonzero(change.any(axis=1))
-            if len(burn):
-                if step or not is_unsafe_start:
-                    # Thrusters may shut on the coast before this burn, and in the midst of it.
-                    lasting = self._orbit + now - since[burn]
-                    pieces.append(single_coasts(coasts[burn], lasting, burn))
-                    family = pieces_of_periods(
-                        n, states[burn], after[burn], period, self._orbit, self._radius, burn
-                    )
-                    pieces.append(family)
-                since[burn] = now + period
-                coasts = coasts.copy()
-                coasts[burn] = after[burn]
-            states = after
-        pieces.append(single_coasts(coasts, self._orbit + last - since, np.arange(count)))
-        return least_distances(n, joined(pieces), count)
-
-    def _durations(self, burns: np.ndarray) -> np.ndarray:
-        """Times (..., 1) that changes of velocity (..., 3) take, in whole control periods, s."""
-        largest = np.abs(burns).max(axis=-1)
-        periods = np.ceil(largest / (self.task.braking * self._period) - 1e-6)
-        return np.maximum(periods, 1.0) * self._period
+        steps = math.ceil((plans.ends.max() + self.task.hold_seconds) / period)
+        states = [np.tile(start, (count, 1))]
+        changes = []
+        for step in range(steps):
+            changes.append(self._change_by_plans(plans, states[-1], goals, step * period))
+            states.append(pushed(n, states[-1], changes[-1] / period, period))
+        return coasts_of_flights(
+            n,
+            np.array(states),
+            np.array(changes).any(axis=2),
+            np.full(count, steps),
+            period,
+            self._orbit,
+            self.task.keep_out,
+            np.repeat(is_safe_start, count),
+        )
 
     def _sampled(
         self,
@@ -321,7 +257,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
         start: np.ndarray,
         goal: np.ndarray,
         deadline: float,
-    ) -> _Batch:
+    ) -> _Plans:
         """Plans of a number of coasts from a state (6,) to a goal (3,), m, before a deadline, s.
 
         Times are drawn before points: both share one generator.
@@ -329,29 +265,39 @@ class PassiveApproach(VelocityGuidance[Hold]):
         times = self._sampled_times(random, legs, count, deadline)
         points = _sampled_points(random, legs, count, start[:3], goal)
         n = self.task.mean_motion
-        # Coasts between burns as impulses, and their price.
+        # Coasts between burns as impulses; the last burn leaves the craft at rest.
+        before = np.tile([*goal, 0.0, 0.0, 0.0], (count, _MOST_LEGS + 1, 1))
+        after = before.copy()
         state = carried(n, np.tile(start, (count, 1)), times[:, 0])
-        price = np.zeros(count)
-        before, after = [], []
         for j in range(legs):
             time = times[:, j + 1] - times[:, j]
-            before.append(state)
             velocity = self._coast_velocity(state[:, :3], points[:, j], time)
-            after.append(np.concatenate([state[:, :3], velocity], axis=1))
-            price += np.abs(after[-1] - before[-1])[:, 3:].sum(axis=1)
-            state = carried(n, after[-1], time)
-        # The last burn leaves the craft at rest.
-        before.append(state)
-        after.append(np.concatenate([state[:, :3], np.zeros((count, 3))], axis=1))
-        price += np.abs(state[:, 3:]).sum(axis=1)
-        befores, afters = np.stack(before, axis=1), np.stack(after, axis=1)
+            before[:, j] = state
+            after[:, j] = np.concatenate([state[:, :3], velocity], axis=1)
+            state = carried(n, after[:, j], time)
+        before[:, legs] = state
+        after[:, legs, :3] = state[:, :3]
+        burns = np.abs(after - before)[:, : legs + 1, 3:]
         # Burns must not overlap, and the first one must not begin before the start.
-        lasting = self._durations((afters - befores)[:, :, 3:])
+        periods = np.ceil(burns.max(axis=-1) / (self.task.braking * self._period) - 1e-6)
+        lasting = np.maximum(periods, 1.0) * self._period
         gap = np.diff(times, axis=1) - 0.5 * (lasting[:, 1:] + lasting[:, :-1])
         overlap = (gap < self._period).any(axis=1)
         early = lasting[:, 0] > 2.0 * _FIRST_BURN * self._period + 2.0 * self._period
-        price = np.where(overlap | early, price + _IMPOSSIBLE, price)
-        return _Batch(price, times, points, befores, afters)
+        price = burns.sum(axis=(1, 2)) + np.where(overlap | early, _IMPOSSIBLE, 0.0)
+        # The first burn begins at once, the others half of their duration before their instants.
+        begins = times - 0.5 * lasting
+        begins[:, 0] = 0.0
+        rest = _MOST_LEGS - legs
+        never = ((0, 0), (0, rest))
+        return _Plans(
+            price,
+            np.pad(times, never, constant_values=np.inf),
+            np.pad(begins, never, constant_values=np.inf),
+            np.pad(points, (*never, (0, 0))),
+            before,
+            after,
+        )
 
     def _sampled_times(
         self, random: np.random.Generator, legs: int, count: int, deadline: float
@@ -375,21 +321,9 @@ class PassiveApproach(VelocityGuidance[Hold]):
         return first + np.round((times - first) / self._period) * self._period
 
     @property
-    def _radius(self) -> float:
-        """Radius of the zone, m."""
-        zone = coast_zone(self.task)
-        assert zone is not None
-        return zone.radius
-
-    @property
     def _orbit(self) -> float:
         """Length of an orbit, s."""
         return 2.0 * math.pi / self.task.mean_motion
-
-    def _coast_distance(self, start: np.ndarray) -> float:
-        """Distance that the coast of an orbit from a state (6,) keeps, m."""
-        coast = single_coasts(start[None], np.array([self._orbit]), np.array([0]))
-        return float(least_distances(self.task.mean_motion, coast, 1)[0])
 
     def _change_to_coast(
         self, states: np.ndarray, points: np.ndarray, ends: np.ndarray, now: float
