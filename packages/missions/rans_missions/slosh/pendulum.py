@@ -1,15 +1,15 @@
-"""Equations of a craft and a pendulum inside, the equivalent of a sloshing liquid: in the plane and in space.
+"""Equations of a craft and a pendulum inside, the equivalent of a sloshing liquid.
 
-Each kind of pair has a motion, whose derivative is a motion too, and the same methods:
-`rans_missions.slosh.swinging.Swinging` integrates both alike. `rans_missions.slosh.rods` gives Drake the same
-bodies without these equations, and a Lagrangian of SciPy's tests both.
+One pair serves the plane and space: in the plane the vectors of its body frame have no component across it.
+`rans_missions.slosh.rods` gives Drake the same bodies without these equations, and a Lagrangian of SciPy's tests
+both.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rans.extend import (
@@ -26,7 +26,7 @@ from rans.extend import (
     cos,
     sin,
 )
-from rans.model.fields import wrap
+from rans.model.fields import atan2, wrap
 from rans.model.rotation import symmetric_inverse, symmetric_times
 
 if TYPE_CHECKING:
@@ -34,24 +34,10 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class PlanarMotion:
-    """Directions and angular velocities of craft and rod in W; or their derivatives by time."""
-
-    heading: Field
-    """Heading of the craft, rad."""
-    rod: Field
-    """Direction of the rod, rad."""
-    spin: Field
-    """Angular velocity of the craft, rad/s."""
-    turning: Field
-    """Angular velocity of the rod, rad/s."""
-
-
-@dataclass(frozen=True)
-class SphericalMotion:
+class Motion:
     """Attitude and spin of the craft, and direction and velocity of the rod; or their derivatives by time."""
 
-    attitude: Quat
+    attitude: Quat | Heading
     spin: Vec3
     """Angular velocity in B, rad/s."""
     rod: Vec3
@@ -60,138 +46,8 @@ class SphericalMotion:
     """Derivative of this vector as seen from W, expressed in B, 1/s."""
 
 
-class PlanarPair(NamedTuple):
-    """Craft without the mass that swings, and this mass: constants of their motion in the plane."""
-
-    fraction: float
-    """Mass that swings over the mass of both."""
-    mass: Field
-    """Mass of both, kg."""
-    arm: tuple[Field, Field]
-    """From the rigid part's centre of mass to the hinge, in B, m."""
-    rest: tuple[float, float]
-    """Unit vector from the hinge to the mass where the angle is zero, in B."""
-    length: float
-    """Length of the rod, m."""
-    of_craft: Field
-    """Moment of inertia that the spin of the craft has, with the rod's end in the hinge, kg m^2."""
-    of_rod: Field
-    """Moment of inertia that the spin of the rod has, kg m^2."""
-    coupling: Field
-    """Reduced mass times the length of the rod, kg m."""
-    damping: float
-    """Friction of the hinge, N m s."""
-
-    @classmethod
-    def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> PlanarPair:
-        """Constants of a body, of which the same fraction swings as of the designed craft.
-
-        The craft's mass and inertia have the liquid at rest in them, which is taken out here.
-        """
-        fraction = slosh.mass / craft.mass
-        ratio = fraction / (1.0 - fraction)
-        x, y = (
-            h - c - offset
-            for h, c, offset in zip(
-                slosh.hinge[:2], craft.centre_of_mass[:2], body.centre or (0.0, 0.0), strict=True
-            )
-        )
-        u, v = slosh.direction[:2]
-        length = slosh.length
-        # The mass at rest, and opposite to it the centre of the rigid part; B's origin is between them.
-        at_x, at_y = x + length * u, y + length * v
-        rigid = body.inertia[0] - body.mass * (ratio * (at_x * at_x + at_y * at_y))
-        arm = (x + ratio * at_x, y + ratio * at_y)
-        reduced = body.mass * (fraction * (1.0 - fraction))
-        return cls(
-            fraction,
-            body.mass,
-            arm,
-            (u, v),
-            length,
-            rigid + reduced * (arm[0] * arm[0] + arm[1] * arm[1]),
-            reduced * length**2,
-            reduced * length,
-            slosh.damping,
-        )
-
-    @property
-    def _toward(self) -> float:
-        """Direction of the rod in B where its angle is zero, rad."""
-        return math.atan2(self.rest[1], self.rest[0])
-
-    def begin(self, state: PlanarState, stores: Sequence[Field]) -> PlanarMotion:
-        """Motion of a state, and of the rod's angle, rad, and rate, rad/s, relative to the craft."""
-        angle, rate = stores
-        heading = state.attitude.angle
-        return PlanarMotion(heading, heading + (angle + self._toward), state.w, state.w + rate)
-
-    def end(self, motion: PlanarMotion) -> tuple[PlanarMotion, tuple[Field, ...]]:
-        """The motion after a part of a control period, and angle and rate of the rod."""
-        angle = wrap(motion.rod - motion.heading - self._toward)
-        return motion, (angle, motion.turning - motion.spin)
-
-    def state(self, p: Vec2, v: Vec2, motion: PlanarMotion) -> PlanarState:
-        """State of the craft with this position and velocity of B."""
-        return PlanarState(p, Heading(motion.heading), v, motion.spin)
-
-    def centre(self, motion: PlanarMotion) -> tuple[Vec2, Vec2]:
-        """From B's origin to the centre of mass of craft and rod in W, m, and its derivative, m/s."""
-        reach = self.fraction * self.length
-        c, s = cos(motion.heading), sin(motion.heading)
-        u, v = self.rest
-        rest_x, rest_y = c * u - s * v, s * u + c * v
-        x, y = cos(motion.rod), sin(motion.rod)
-        away = Vec2((x - rest_x) * reach, (y - rest_y) * reach)
-        spin, turning = motion.spin, motion.turning
-        speed = Vec2(rest_y * spin - y * turning, x * turning - rest_x * spin).scale(reach)
-        return away, speed
-
-    def rates(
-        self, load: Wrench, disturbance: Wrench | None, _: object, motion: PlanarMotion
-    ) -> tuple[PlanarMotion, Vec2]:
-        """Derivatives of a motion, and the acceleration of the centre of mass of both in W, m/s^2.
-
-        Lagrange's equations of the heading a and the direction b of the rod in W, about the centre of mass of both:
-
-            A a'' + B cos(d) b'' = Q_a + B sin(d) b'^2,   B cos(d) a'' + C b'' = Q_b - B sin(d) a'^2,
-
-        with the angle d from the arm to the rod. Forces act at B's origin, which moves with both angles.
-        """
-        spin, turning = motion.spin, motion.turning
-        c, s = cos(motion.heading), sin(motion.heading)
-        x, y = cos(motion.rod), sin(motion.rod)
-        # Force in W and torque about B's origin.
-        fx = c * load.force.x - s * load.force.y
-        fy = s * load.force.x + c * load.force.y
-        torque = load.torque
-        if disturbance is not None:
-            fx = fx + disturbance.force.x
-            fy = fy + disturbance.force.y
-            torque = torque + disturbance.torque
-        # Generalised forces.
-        reach = self.fraction * self.length
-        u, v = self.rest
-        rest_x, rest_y = c * u - s * v, s * u + c * v
-        friction = (turning - spin) * self.damping
-        of_heading = torque + (rest_x * fy - rest_y * fx) * reach + friction
-        of_rod = (y * fx - x * fy) * reach - friction
-        # Inertia that couples both, and centrifugal terms.
-        arm_x, arm_y = self.arm
-        ahead_x, ahead_y = c * arm_x - s * arm_y, s * arm_x + c * arm_y
-        along = (ahead_x * x + ahead_y * y) * self.coupling
-        across = (ahead_x * y - ahead_y * x) * self.coupling
-        first = of_heading + across * turning * turning
-        second = of_rod - across * spin * spin
-        scale = 1.0 / (self.of_craft * self.of_rod - along * along)
-        spin_up = (first * self.of_rod - second * along) * scale
-        turn_up = (second * self.of_craft - first * along) * scale
-        derivative = PlanarMotion(spin, turning, spin_up, turn_up)
-        return derivative, Vec2(fx, fy).scale(1.0 / self.mass)
-
-
-class SphericalPair(NamedTuple):
-    """Craft without the mass that swings, and this mass: constants of their motion in space."""
+class Pair(NamedTuple):
+    """Craft without the mass that swings, and this mass: constants of their motion."""
 
     fraction: float
     """Mass that swings over the mass of both."""
@@ -215,17 +71,23 @@ class SphericalPair(NamedTuple):
     """Friction of the hinge, N m s."""
 
     @classmethod
-    def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> SphericalPair:
+    def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> Pair:
         """Constants of a body, of which the same fraction swings as of the designed craft.
 
         The craft's mass and inertia have the liquid at rest in them, which is taken out here.
         """
         fraction = slosh.mass / craft.mass
         ratio = fraction / (1.0 - fraction)
-        shift = body.centre or (0.0, 0.0, 0.0)
+        shift = (*(body.centre or (0.0,) * craft.dimension), 0.0)[:3]
         hinge = Vec3(
             *(h - c - s for h, c, s in zip(slosh.hinge, craft.centre_of_mass, shift, strict=True))
         )
+        whole = body.inertia
+        if craft.dimension == 2:
+            # Only the moment about z matters; the others are those of a body that it could be of.
+            hinge = replace(hinge, z=0.0)
+            (moment,) = whole
+            whole = (moment, 0.0, 0.0, moment, 0.0, moment)
         rest = Vec3(*slosh.direction)
         # The mass at rest, and opposite to it the centre of the rigid part; B's origin is between them.
         at = hinge + rest.scale(slosh.length)
@@ -233,7 +95,7 @@ class SphericalPair(NamedTuple):
         x, y, z = at.columns()
         adds = (y * y + z * z, -x * y, -x * z, x * x + z * z, -y * z, x * x + y * y)
         scale = body.mass * ratio
-        inertia = tuple(i - scale * a for i, a in zip(body.inertia, adds, strict=True))
+        inertia = tuple(i - scale * a for i, a in zip(whole, adds, strict=True))
         return cls(
             fraction,
             body.mass,
@@ -247,38 +109,51 @@ class SphericalPair(NamedTuple):
             slosh.damping,
         )
 
-    def begin(self, state: SpatialState, stores: Sequence[Field]) -> SphericalMotion:
-        """Motion of a state, and of the rod's unit vector in B and its derivative as seen from B, 1/s."""
-        rod, slip = Vec3(*stores[:3]), Vec3(*stores[3:])
-        return SphericalMotion(state.attitude, state.w, rod, slip + state.w.cross(rod))
+    def begin(self, state: Any, stores: Sequence[Field]) -> Motion:
+        """Motion of a state, and of the liquid's states, which are those of `Pendulum.stores`."""
+        spin = Vec3(*in_space(state.spin()))
+        if len(stores) == 2:
+            angle, rate = stores
+            turned = angle + math.atan2(self.rest.y, self.rest.x)
+            rod = Vec3(cos(turned), sin(turned), 0.0)
+            slip = Vec3(-rate * rod.y, rate * rod.x, 0.0)
+        else:
+            rod, slip = Vec3(*stores[:3]), Vec3(*stores[3:])
+        return Motion(state.attitude, spin, rod, slip + spin.cross(rod))
 
-    def end(self, motion: SphericalMotion) -> tuple[SphericalMotion, tuple[Field, ...]]:
-        """The motion after a part of a control period, with a rod of constant length, and the rod as in `begin`."""
+    def end(self, motion: Motion) -> tuple[Motion, tuple[Field, ...]]:
+        """The motion after a part of a control period, with a rod of constant length, and the liquid's states."""
         rod = motion.rod.scale(1.0 / motion.rod.norm())
         slip = motion.moving - motion.spin.cross(rod)
         slip = slip - rod.scale(slip.dot(rod))
         moving = slip + motion.spin.cross(rod)
-        after = SphericalMotion(motion.attitude.normalised(), motion.spin, rod, moving)
+        if isinstance(motion.attitude, Heading):
+            angle = atan2(rod.y, rod.x) - math.atan2(self.rest.y, self.rest.x)
+            after = Motion(motion.attitude, motion.spin, rod, moving)
+            return after, (wrap(angle), rod.cross(slip).z)
+        after = Motion(motion.attitude.normalised(), motion.spin, rod, moving)
         return after, (*rod.columns(), *slip.columns())
 
-    def state(self, p: Vec3, v: Vec3, motion: SphericalMotion) -> SpatialState:
+    def state(self, p: Any, v: Any, motion: Motion) -> Any:
         """State of the craft with this position and velocity of B."""
+        if isinstance(motion.attitude, Heading):
+            return PlanarState(p, motion.attitude, v, motion.spin.z)
         return SpatialState(p, motion.attitude, v, motion.spin)
 
-    def centre(self, motion: SphericalMotion) -> tuple[Vec3, Vec3]:
+    def centre(self, motion: Motion) -> tuple[Any, Any]:
         """From B's origin to the centre of mass of craft and rod in W, m, and its derivative, m/s."""
         reach = self.fraction * self.length
         away = (motion.rod - self.rest).scale(reach)
         speed = (motion.moving - motion.spin.cross(self.rest)).scale(reach)
-        return motion.attitude.rotate(away), motion.attitude.rotate(speed)
+        return rotated(motion.attitude, away), rotated(motion.attitude, speed)
 
     def rates(
         self,
         load: Wrench,
         disturbance: Wrench | None,
         wheels: Vec3 | None,
-        motion: SphericalMotion,
-    ) -> tuple[SphericalMotion, Vec3]:
+        motion: Motion,
+    ) -> tuple[Motion, Any]:
         """Derivatives of a motion, and the acceleration of the centre of mass of both in W, m/s^2.
 
         Newton's equations of the mass relative to the rigid part, and Euler's of the rigid part about its centre.
@@ -295,13 +170,14 @@ class SphericalPair(NamedTuple):
         attitude, spin = motion.attitude, motion.spin
         rod, moving = motion.rod, motion.moving
         # Force and torque about B's origin, in B.
-        force: Any = load.force
-        torque = load.torque
+        force, torque = load.force, load.torque
         if disturbance is not None:
-            into_body = attitude.inverse()
-            push: Any = disturbance.force
-            force = force + into_body.rotate(push)
-            torque = torque + into_body.rotate(disturbance.torque)
+            into_body: Any = attitude.inverse()
+            twist = disturbance.torque
+            force = force + into_body.rotate(disturbance.force)
+            torque = torque + (twist if isinstance(attitude, Heading) else into_body.rotate(twist))
+        force = Vec3(*in_space(force.columns()))
+        torque = Vec3(*in_space((torque,) if isinstance(attitude, Heading) else torque.columns()))
 
         # Friction, and acceleration of the hinge by the spin alone.
         slip = moving - spin.cross(rod)
@@ -329,9 +205,26 @@ class SphericalPair(NamedTuple):
         across = (pulled - rod.scale(rod.dot(pulled))).scale(1.0 / self.length)
         bending = across - rod.scale(moving.dot(moving))
 
-        # The quaternion's derivative is half its product with the spin.
-        vector = Vec3(attitude.x, attitude.y, attitude.z)
-        turn = (spin.scale(attitude.w) + vector.cross(spin)).scale(0.5)
-        quaternion = Quat(vector.dot(spin) * -0.5, *turn.columns())
-        derivative = SphericalMotion(quaternion, spin_up, slip, bending - spin.cross(moving))
-        return derivative, attitude.rotate(force).scale(1.0 / self.mass)
+        derivative = Motion(_turning(attitude, spin), spin_up, slip, bending - spin.cross(moving))
+        return derivative, rotated(attitude, force.scale(1.0 / self.mass))
+
+
+def in_space(columns: Sequence[Field]) -> tuple[Field, ...]:
+    """Components in space of a vector: of one in the plane, or of an angular velocity or torque about z."""
+    if len(columns) == 3:
+        return tuple(columns)
+    return (0.0, 0.0, *columns) if len(columns) == 1 else (*columns, 0.0)
+
+
+def rotated(attitude: Quat | Heading, v: Vec3) -> Any:
+    """A vector of B in W; in the plane without its z."""
+    return attitude.rotate(Vec2(v.x, v.y)) if isinstance(attitude, Heading) else attitude.rotate(v)
+
+
+def _turning(attitude: Quat | Heading, spin: Vec3) -> Quat | Heading:
+    """Derivative of an attitude: a quaternion's is half its product with the spin."""
+    if isinstance(attitude, Heading):
+        return Heading(spin.z)
+    vector = Vec3(attitude.x, attitude.y, attitude.z)
+    turn = (spin.scale(attitude.w) + vector.cross(spin)).scale(0.5)
+    return Quat(vector.dot(spin) * -0.5, *turn.columns())

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import math
-from abc import abstractmethod
 from collections.abc import Sequence
 from typing import Any
 
@@ -15,7 +13,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     FixedOffsetFrame,
     Joint,
-    RevoluteJoint,
     SpatialInertia,
     UnitInertia,
     UniversalJoint,
@@ -28,15 +25,23 @@ from rans.reference.further import DrakeMass
 
 def in_drake(pendulum: Any) -> Rods:
     """What Drake's plant makes of the pendulum of a craft (`rans.reference.further.REGISTERED`)."""
-    kind = PlanarRods if pendulum.craft.dimension == 2 else SphericalRods
-    return kind(pendulum.slosh)
+    return Rods(pendulum.slosh, pendulum.craft.dimension == 2)
 
 
 class Rods(DrakeMass):
-    """Rods of all spacecraft of a plant."""
+    """Rods of all spacecraft of a plant, on universal joints.
 
-    def __init__(self, slosh: Any) -> None:
+    The frame of a hinge is turned at the start of every control period, so that both angles are zero then and the
+    rod moves about the first axis: the singularity of these joints is where it points along this axis. A rod has
+    no inertia about itself. The friction is viscous and resists the velocity of the mass; the joints' own would
+    resist turns of the rod about itself too, so `HingeFriction` applies it.
+    """
+
+    def __init__(self, slosh: Any, is_planar: bool) -> None:
         self._slosh = slosh
+        self._is_planar = is_planar
+        self._rest = float(np.arctan2(slosh.direction[1], slosh.direction[0]))
+        """Direction of the rod in B where the angle of a planar craft's is zero, rad."""
         self._hinges: list[Any] = []
         self._joints: list[Joint] = []
 
@@ -52,38 +57,25 @@ class Rods(DrakeMass):
         self._plant = plant
         for k, rigid in enumerate(bodies):
             swings, _ = self.at_rest(craft, body, k)
-            position = self._slosh.length * self._along
+            position = np.array([0.0, 0.0, self._slosh.length])
             mass = SpatialInertia(swings, position, UnitInertia.PointMass(position))
             rod = plant.AddRigidBody(f"S of {rigid.name()}", mass)
             hinge = FixedOffsetFrame(
                 f"hinge of {rod.name()}", rigid.body_frame(), self._pose(self._slosh.direction)
             )
             self._hinges.append(plant.AddFrame(hinge))
-            self._joints.append(
-                plant.AddJoint(self._joint(self._hinges[-1], rod, self._slosh.damping))
-            )
+            joint = UniversalJoint(rod.name(), self._hinges[-1], rod.body_frame(), 0.0)
+            self._joints.append(plant.AddJoint(joint))
 
-    def friction(self) -> HingeFriction | None:
-        """None: Drake's joints have it."""
-        return None
+    def friction(self) -> HingeFriction:
+        """The friction of all hinges."""
+        sizes = self._plant.num_positions(), self._plant.num_velocities()
+        return HingeFriction(self, self._slosh.damping, *sizes)
 
     def fastest(self, stores: np.ndarray) -> float:
         """Fastest rate of a rod, rad/s: the second half of the stores is a rate."""
         rates = np.nan_to_num(stores[:, stores.shape[1] // 2 :])
         return float(np.sqrt(np.max(np.sum(np.square(rates), axis=1), initial=0.0)))
-
-    @property
-    @abstractmethod
-    def _along(self) -> np.ndarray:
-        """Axis of its own frame along which a rod extends."""
-
-    @abstractmethod
-    def _pose(self, direction: Sequence[float]) -> RigidTransform:
-        """Pose in G of the hinge's frame, which a rod's frame equals when it points along a direction."""
-
-    @abstractmethod
-    def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
-        """Joint between a hinge and its rod, with friction, N m s."""
 
     def coordinates(self) -> tuple[np.ndarray, np.ndarray]:
         """Indices of the joints among the plant's positions and velocities, (N, coordinates) each."""
@@ -92,49 +84,6 @@ class Rods(DrakeMass):
         positions = np.array([joint.position_start() + own for joint in self._joints])
         velocities = np.array([joint.velocity_start() + own for joint in self._joints])
         return positions, velocities
-
-
-class PlanarRods(Rods):
-    """Rods on revolute joints about z with friction; the stores are the angle, rad, and its rate, rad/s."""
-
-    @property
-    def _along(self) -> np.ndarray:
-        return np.array([1.0, 0.0, 0.0])
-
-    def _pose(self, direction: Sequence[float]) -> RigidTransform:
-        turn = RotationMatrix.MakeZRotation(math.atan2(direction[1], direction[0]))
-        return RigidTransform(turn, np.array(self._slosh.hinge))
-
-    def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
-        axis = np.array([0.0, 0.0, 1.0])
-        return RevoluteJoint(rod.name(), hinge, rod.body_frame(), axis, damping)
-
-    def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
-        """Write angles and rates."""
-        positions, velocities = self.coordinates()
-        q[positions] = stores[:, :1]
-        v[velocities] = stores[:, 1:]
-
-    def get(self, context: Context) -> np.ndarray:
-        """Angles in [-pi, pi), and rates."""
-        positions, velocities = self.coordinates()
-        angles = self._plant.GetPositions(context)[positions]
-        wrapped = np.mod(angles + np.pi, 2.0 * np.pi) - np.pi
-        return np.hstack([wrapped, self._plant.GetVelocities(context)[velocities]])
-
-
-class SphericalRods(Rods):
-    """Rods on universal joints; the stores are the unit vector to the mass in B and its derivative, 1/s.
-
-    The frame of a hinge is turned at the start of every control period, so that both angles are zero then and the
-    rod moves about the first axis: the singularity of these joints is where it points along this axis. A rod has
-    no inertia about itself. The friction is viscous and resists the velocity of the mass; the joints' own would
-    resist turns of the rod about itself too, so `HingeFriction` applies it.
-    """
-
-    @property
-    def _along(self) -> np.ndarray:
-        return np.array([0.0, 0.0, 1.0])
 
     def _pose(self, direction: Sequence[float], slip: np.ndarray | None = None) -> RigidTransform:
         z = np.array(direction) / np.linalg.norm(direction)
@@ -145,19 +94,15 @@ class SphericalRods(Rods):
         axes = np.column_stack([x, np.cross(z, x), z])
         return RigidTransform(RotationMatrix(axes), np.array(self._slosh.hinge))
 
-    def _joint(self, hinge: FixedOffsetFrame, rod: Any, damping: float) -> Joint:
-        return UniversalJoint(rod.name(), hinge, rod.body_frame(), 0.0)
-
-    def friction(self) -> HingeFriction:
-        """The friction of all hinges."""
-        sizes = self._plant.num_positions(), self._plant.num_velocities()
-        return HingeFriction(self, self._slosh.damping, *sizes)
-
     def set(self, context: Context, q: np.ndarray, v: np.ndarray, stores: np.ndarray) -> None:
-        """Turn the hinges to stores (N, 6), and write zero angles and their rates into q and v.
+        """Turn the hinges to stores, and write zero angles and their rates into q and v.
 
-        See `DrakeMass.set`.
+        See `DrakeMass.set`; stores are those of `Pendulum.stores`.
         """
+        if stores.shape[1] == 2:
+            angle, rate = stores.T
+            c, s, zero = np.cos(angle + self._rest), np.sin(angle + self._rest), 0.0 * angle
+            stores = np.stack([c, s, zero, -rate * s, rate * c, zero], axis=1)
         positions, velocities = self.coordinates()
         q[positions] = 0.0
         for hinge, row, own in zip(self._hinges, stores, velocities, strict=True):
@@ -168,10 +113,9 @@ class SphericalRods(Rods):
             v[own] = (-y, x)
 
     def get(self, context: Context) -> np.ndarray:
-        """Directions (unit vectors) and their rates (1/s) in B, (N, 6), from the plant's angles.
+        """States of the liquid from the plant's angles, in the order of `Pendulum.stores`.
 
-        In the order of `Pendulum.stores`; frames of hinges are turned every period, so that angles alone say
-        nothing.
+        Frames of hinges are turned every period, so that angles alone say nothing.
         """
         positions, velocities = self.coordinates()
         a, b = self._plant.GetPositions(context)[positions].T
@@ -184,7 +128,12 @@ class SphericalRods(Rods):
         ]
         turns = [hinge.GetPoseInParentFrame(context).rotation().matrix() for hinge in self._hinges]
         both = np.stack([np.transpose(rod), np.transpose(slip)], axis=1)
-        return np.einsum("nij,nkj->nki", turns, both).reshape(len(turns), 6)
+        in_body = np.einsum("nij,nkj->nki", turns, both)
+        if not self._is_planar:
+            return in_body.reshape(len(turns), 6)
+        (x, y, _), (u, v, _) = in_body.transpose(1, 2, 0)
+        angle = np.mod(np.arctan2(y, x) - self._rest + np.pi, 2.0 * np.pi) - np.pi
+        return np.stack([angle, x * v - y * u], axis=1)
 
 
 class HingeFriction(LeafSystem):

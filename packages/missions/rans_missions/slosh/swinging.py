@@ -18,7 +18,7 @@ from rans.effectors.effector import Begun, Effector, JointMotion
 from rans.extend import Body, Drift, Field, Spacecraft, Timing, Vec3, Wrench, counted, map_leaves
 from rans.model.dynamics import NODES
 from rans.model.spacecraft import CommandRange, Store
-from rans_missions.slosh.pendulum import PlanarPair, SphericalPair
+from rans_missions.slosh.pendulum import Pair
 
 if TYPE_CHECKING:
     from rans_missions.slosh.liquid import Slosh
@@ -76,8 +76,7 @@ class Swinging(JointMotion):
 
     def __init__(self, pendulum: Pendulum, stores: Sequence[Field], body: Body) -> None:
         self._stores = tuple(stores)
-        kind: Any = PlanarPair if pendulum.craft.dimension == 2 else SphericalPair
-        self._pair = kind.of(pendulum.slosh, pendulum.craft, body)
+        self._pair = Pair.of(pendulum.slosh, pendulum.craft, body)
         self._pace, self._decay = paces(pendulum.slosh, pendulum.craft)
 
     def stores(self, time: Field) -> tuple[Field, ...]:
@@ -203,14 +202,11 @@ def rod_rate(slosh: Slosh, craft: Spacecraft, states: Any) -> np.ndarray:
 
 def _extremes(slosh: Slosh, craft: Spacecraft, body: Body) -> tuple[float, float, float, float]:
     """Length of the arm, least inertia with the rod's end in the hinge, reduced mass, and friction; SI."""
-    if craft.dimension == 2:
-        plane = PlanarPair.of(slosh, craft, body)
-        return math.hypot(*plane.arm), plane.of_craft, plane.coupling / plane.length, plane.damping
-    pair = SphericalPair.of(slosh, craft, body)
+    pair = Pair.of(slosh, craft, body)
     xx, xy, xz, yy, yz, zz = pair.inertia
     tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     arm = math.hypot(*pair.arm.columns())
-    least = float(np.linalg.eigvalsh(tensor)[0])
+    least = float(np.linalg.eigvalsh(tensor)[0] if craft.dimension == 3 else zz)
     return arm, least + pair.reduced * arm**2, pair.reduced, pair.damping
 
 
