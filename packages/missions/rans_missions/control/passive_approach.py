@@ -241,7 +241,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
         return coasts_of_flights(
             n,
             np.array(states),
-            np.array(changes).any(axis=2),
+            np.array([change.any(axis=1) for change in changes]),
             np.full(count, steps),
             period,
             self._orbit,
