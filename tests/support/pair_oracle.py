@@ -1,10 +1,14 @@
 """Whole flights by equations of this file's own, for every effect together: SciPy's DOP853.
 
-A craft carries rotors, each with a speed of its own relative to the body, and a tank. Rotors with the axial inertia
-J, axes a and speeds s relative to the body have the angular momenta J (w . a + s) along them, which motors change.
-Propellant leaves with the velocity that it had as a part of the craft. Where gravity turns the craft its torque is
-3 n^2 r x I r, with the unit vector r away from the planet. The plane is the same motion in space, with forces that
-lie in it. On an orbit states are in the Hill frame, which turns with n.
+A craft is a rigid hub that carries rotors, a tank and a point mass on a massless rod. All of them have a momentum P
+and an angular momentum L about the origin, in axes that do not turn. Velocity and spin follow from P and L at every
+instant. Motors change the angular momenta of rotors along their axes. Propellant takes the momentum that it had in
+the tank: P' = force - flow v and L' = moment - flow (x x v + k w), with the place x of the tank, its velocity v and
+its moment of inertia k for each kilogram. The mass m on the rod l u has the velocity V and the angular momentum
+h = m l u x V about a hinge of the velocity H, so that h' = m V x H + l u x force. Where gravity turns the craft it
+pulls each part where it is, with the torque 3 n^2 r x I r, with the unit vector r away from the planet. The plane
+is the same motion in space, with forces that lie in it. On an orbit states are in the Hill frame, which turns
+with n.
 """
 
 from __future__ import annotations
@@ -13,7 +17,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from scipy.integrate import solve_ivp
@@ -64,8 +68,6 @@ class Oracle:
         self.droop = 1.0 if craft.thrust_sharing == "split" else 0.0
         self.directions = np.array([t.direction for t in craft.thrusters])
         self.places = np.array([t.position for t in craft.thrusters])
-        self.swings = 1.0
-        self.sticks = 1.0
         if self.drawn is not None:
             self._randomize(self.drawn)
         self.axes = np.array([wheel.axis for wheel in craft.wheels]).reshape(-1, 3)
@@ -77,6 +79,35 @@ class Oracle:
         self.gravity = np.zeros(3)
         if isinstance(drift, UniformGravity):
             self.gravity[: len(drift.acceleration)] = drift.acceleration
+        self._divide()
+
+    def _divide(self) -> None:
+        """Masses, places and inertias of the parts, which at rest make up the craft about its centre."""
+        craft = self.craft
+        tank: Any = craft.propellant or Propellant(0.0, 1.0)
+        self.exhaust = tank.specific_impulse * GRAVITY
+        self.arm = np.zeros(3)
+        self.round = self.inertia / self.mass
+        if tank.position is not None:
+            self.arm = np.array(tank.position) - self.centre
+            self.round = 0.4 * tank.radius**2 * np.eye(3)
+        slosh: Any = next(iter(craft.further_effectors), None)
+        self.slosh = slosh
+        self.swings = 0.0
+        self.hinge = resting = np.zeros(3)
+        if slosh is not None:
+            self.swings = self.mass * slosh.mass / craft.mass
+            self.hinge = np.array(slosh.hinge) - self.centre
+            resting = self.hinge + slosh.length * np.array(slosh.direction)
+        self.resting = self.swings * resting
+        self.hub = self.mass - tank.mass - self.swings
+        self.hub_arm = -(self.arm * tank.mass + self.resting) / self.hub
+        self.hub_inertia = self.inertia - tank.mass * (self.round + _about(self.arm))
+        self.hub_inertia -= self.hub * _about(self.hub_arm) + self.swings * _about(resting)
+        if craft.dimension == 2:
+            self.hub_inertia = np.diag([1.0, 1.0, self.hub_inertia[2, 2]])
+        self.weighed = math.nan
+        self.mobility: Any = None
 
     def _one(self, field: Any) -> Any:
         return float(field[self.number]) if np.ndim(field) == 1 else field
@@ -258,113 +289,53 @@ class Oracle:
         return (after - momenta) / self.period
 
     def _momenta(self, y: np.ndarray) -> np.ndarray:
-        return self.rotors * (self.axes @ y[10:13] + y[14 : 14 + len(self.rotors)])
+        return y[14 : 14 + len(self.rotors)]
 
     def _begun(self) -> np.ndarray:
-        """Position, attitude (w, x, y, z), velocity, spin, propellant and the speeds of rotors at the start."""
+        """Position, attitude (w, x, y, z), P, L, propellant, momenta of rotors, u and h of the rod, and time."""
         columns = [float(x[0, self.number]) for x in leaves(self.flight.states)]
         if self.craft.dimension == 2:
-            x, y, angle, u, v, w, *stores = columns
-            turned = (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
-            motion = [x, y, 0.0, *turned, u, v, 0.0, 0.0, 0.0, w]
+            x, y, angle, *velocity, w = columns[:6]
+            p = np.array([x, y, 0.0])
+            attitude = (math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
+            v = np.array([*velocity, 0.0])
+            spin = np.array([0.0, 0.0, w])
+            stores = columns[6:]
         else:
-            motion, stores = columns[:13], columns[13:]
-        motion[10:13] = motion[10:13] + self.turning @ _matrix(*motion[3:7])
+            p, attitude, v, spin = (np.array(columns[k:n]) for k, n in _SPATIAL)
+            stores = columns[13:]
         left = stores.pop(0) if self.craft.propellant is not None else 0.0
-        speeds = [
-            h / wheel.inertia - np.dot(wheel.axis, motion[10:13])
-            for h, wheel in zip(stores, self.craft.wheels, strict=False)
-        ]
-        return np.array([*motion, left, *speeds])
+        momenta = stores[: len(self.rotors)]
+        turn = _matrix(*attitude)
+        v = turn.T @ (v + _cross(self.turning, p))
+        spin = spin + turn.T @ self.turning
+        mass, first, second, inertia = self._whole(left)
+        push = mass * v + _cross(spin, first)
+        about = _cross(first, v) + (inertia + second) @ spin + self.axes.T @ momenta
+        rest: list[float] = []
+        if self.slosh is not None:
+            rod, slip = self._rod(stores[len(momenta) :])
+            length = self.slosh.length
+            reach = self.hinge + length * rod
+            carried = self.swings * (v + _cross(spin, reach) + length * slip)
+            push = push + carried
+            about = about + _cross(reach, carried)
+            rest = [*(turn @ rod), *(turn @ _cross(length * rod, carried))]
+        push = turn @ push
+        about = turn @ about + _cross(p, push)
+        return np.array([*p, *attitude, *push, *about, left, *momenta, *rest, 0.0])
 
-    def _columns(self, y: np.ndarray) -> list[float]:
-        """The state as a flight lists it."""
-        stores = [*([y[13]] if self.craft.propellant is not None else []), *self._momenta(y)]
-        spin = y[10:13] - self.turning @ _matrix(*y[3:7])
+    def _rod(self, stores: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
+        """Unit vector of the rod and its derivative as seen from B."""
         if self.craft.dimension == 3:
-            return [*y[:10], *spin, *stores]
-        angle = 2 * math.atan2(y[6], y[3])
-        return [y[0], y[1], angle, y[7], y[8], spin[2], *stores]
-
-    def _rate(
-        self, load: Any, flows: Any, motors: Any, pull: Any, duration: float, speed: float
-    ) -> Any:
-        """Derivative of a state, as a function of time and state."""
-        raise NotImplementedError
-
-    def _carried(
-        self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
-    ) -> np.ndarray:
-        """The state after a piece; where the tank runs empty, thrust ends."""
-        speed = math.inf
-        if self.craft.propellant is not None:
-            speed = self.craft.propellant.specific_impulse * GRAVITY
-        burning = self.craft.propellant is None or y[13] > 1e-13
-        gone = 0.0
-        if not burning:
-            load = np.zeros((2, 2, 3))
-            flows = (0.0, 0.0)
-        elif math.isfinite(speed):
-            # The instant at which the tank is empty: left = (first t + change t^2 / (2 duration)) / speed.
-            need = flows[0] + 0.5 * flows[1]
-            if need * duration / speed > y[13]:
-                a = 0.5 * flows[1] / duration
-                b = flows[0]
-                c = -y[13] * speed
-                gone = 2 * -c / (b + math.sqrt(b * b - 4 * a * c))
-        until = gone or duration
-        rate = self._rate(load, flows, motors, pull, duration, speed)
-        y = _integrated(rate, y, until)
-        if gone and gone < duration:
-            y[13] = 0.0
-            return self._carried(y, duration - gone, load, flows, motors, pull)
-        return y
-
-
-class RigidOracle(Oracle):
-    """One flight of a craft in which no mass moves but propellant, by momenta in axes that do not turn.
-
-    The hub, the propellant and the rotors have a momentum P and an angular momentum L about the origin. What it
-    loses takes the momentum that it had in the tank: P' = force - flow v and L' = moment - flow (x x v + k w), with
-    the place x of the tank, its velocity v and its moment of inertia k for each kilogram. Velocity and spin
-    follow from P and L at every instant. Gravity pulls hub and propellant each where it is.
-    """
-
-    def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
-        super().__init__(flight, drawn, number)
-        tank: Any = self.craft.propellant or Propellant(0.0, 1.0)
-        self.arm = np.zeros(3)
-        self.round = self.inertia / self.mass
-        if tank.position is not None:
-            self.arm = np.array(tank.position) - self.centre
-            self.round = 0.4 * tank.radius**2 * np.eye(3)
-        self.hub = self.mass - tank.mass
-        self.hub_arm = -self.arm * tank.mass / self.hub
-        self.weighed = math.nan
-        self.mobility: Any = None
-        both = tank.mass * (self.round + _about(self.arm)) + self.hub * _about(self.hub_arm)
-        self.hub_inertia = self.inertia - both
-        if self.craft.dimension == 2:
-            self.hub_inertia = np.diag([1.0, 1.0, self.hub_inertia[2, 2]])
-
-    def _momenta(self, y: np.ndarray) -> np.ndarray:
-        return y[14:-1]
-
-    def _begun(self) -> np.ndarray:
-        y = super()._begun()
-        momenta = super()._momenta(y)
-        y[7:10] += _cross(self.turning, y[:3])
-        turn = _matrix(*y[3:7])
-        mass, first, second, inertia = self._whole(y[13])
-        v, w = turn.T @ y[7:10], y[10:13]
-        push = mass * v + _cross(w, first)
-        spin = _cross(first, v) + (inertia + second) @ w + self.axes.T @ momenta
-        y[7:10] = turn @ push
-        y[10:13] = turn @ spin + _cross(y[:3], y[7:10])
-        return np.array([*y[:14], *momenta, 0.0])
+            return np.array(stores[:3]), np.array(stores[3:])
+        angle, rate = stores
+        turn = _matrix(math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2))
+        rod = turn @ self.slosh.direction
+        return rod, _cross((0.0, 0.0, rate), rod)
 
     def _whole(self, left: float) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Mass, its first and second moments about B's origin, and inertia about the parts' own centres."""
+        """Of hub and tank the mass, its moments about B's origin, and inertia about the parts' own centres."""
         first = self.hub * self.hub_arm + left * self.arm
         second = self.hub * _about(self.hub_arm) + left * _about(self.arm)
         return self.hub + left, first, second, self.hub_inertia + left * self.round
@@ -377,23 +348,86 @@ class RigidOracle(Oracle):
             system = np.block([[mass * np.eye(3), across.T], [across, inertia + second]])
             self.weighed = y[13]
             self.mobility = np.linalg.inv(system)
+        push = turn.T @ y[7:10]
         about = turn.T @ (y[10:13] - _cross(y[:3], y[7:10])) - self.axes.T @ self._momenta(y)
-        solved = self.mobility @ np.array([*(turn.T @ y[7:10]), *about])
+        if self.slosh is None:
+            solved = self.mobility @ np.array([*push, *about])
+            return solved[:3], solved[3:]
+        # Along the rod the mass moves as the hinge does, and across it as h says.
+        rod, across = self._across(y, turn)
+        about = about - _cross(self.hinge + self.slosh.length * rod, across)
+        solved = self.mobility @ np.array([*(push - across), *about])
+        along = np.array([*rod, *_cross(self.hinge, rod)])
+        moved = self.mobility @ along
+        resisted = self.swings * (along @ solved) / (1.0 + self.swings * (along @ moved))
+        solved = solved - resisted * moved
         return solved[:3], solved[3:]
 
+    def _across(self, y: np.ndarray, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """In B the rod, and the momentum of its mass across it; rounding of its length would grow."""
+        rod, h = (turn.T @ part for part in (y[-7:-4], y[-4:-1]))
+        rod = rod / math.sqrt(rod @ rod)
+        return rod, _cross(h, rod) / self.slosh.length
+
+    def _swing(self, y: np.ndarray, turn: np.ndarray, v: Any, w: Any) -> tuple[np.ndarray, ...]:
+        """In B the rod, the velocities of hinge and mass, and the rod's derivatives, of W and as seen from B."""
+        rod, across = self._across(y, turn)
+        hinge = v + _cross(w, self.hinge)
+        mass = across / self.swings + rod * (rod @ hinge)
+        turning = (mass - hinge) / self.slosh.length
+        return rod, hinge, mass, turning, turning - _cross(w, rod)
+
     def _columns(self, y: np.ndarray) -> list[float]:
+        """The state as a flight lists it."""
         turn = _matrix(*y[3:7])
         v, w = self._motion(y, turn)
         frame = Rotation.from_rotvec(self.turning * y[-1])
-        attitude = frame.inv() * Rotation.from_quat(y[3:7], scalar_first=True)
         p = frame.inv().apply(y[:3])
         speed = frame.inv().apply(turn @ v) - _cross(self.turning, p)
+        attitude = frame.inv() * Rotation.from_quat(y[3:7], scalar_first=True)
         turned = attitude.as_quat(scalar_first=True)
-        return super()._columns(np.array([*p, *turned, *speed, *w, *y[13:]]))
+        spin = w - attitude.inv().apply(self.turning)
+        stores = [*([y[13]] if self.craft.propellant is not None else []), *self._momenta(y)]
+        flat = self.craft.dimension == 2
+        if self.slosh is not None:
+            rod, *_, slip = self._swing(y, turn, v, w)
+            c, s, _ = self.slosh.direction
+            angle = math.atan2(c * rod[1] - s * rod[0], c * rod[0] + s * rod[1])
+            stores += [angle, _cross(rod, slip)[2]] if flat else [*rod, *slip]
+        if not flat:
+            return [*p, *turned, *speed, *spin, *stores]
+        angle = 2 * math.atan2(turned[3], turned[0])
+        return [*p[:2], angle, *speed[:2], spin[2], *stores]
 
-    def _rate(
-        self, load: Any, flows: Any, motors: Any, pull: Any, duration: float, speed: float
-    ) -> Any:
+    def _carried(
+        self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
+    ) -> np.ndarray:
+        """The state after a piece; where the tank runs empty, thrust ends."""
+        gone = 0.0
+        if self.craft.propellant is None:
+            flows = (0.0, 0.0)
+        elif y[13] <= 1e-13:
+            load = np.zeros((2, 2, 3))
+            flows = (0.0, 0.0)
+        else:
+            # The instant at which the tank is empty: left = (first t + change t^2 / (2 duration)) / speed.
+            need = flows[0] + 0.5 * flows[1]
+            if need * duration / self.exhaust > y[13]:
+                a = 0.5 * flows[1] / duration
+                b = flows[0]
+                c = -y[13] * self.exhaust
+                gone = 2 * -c / (b + math.sqrt(b * b - 4 * a * c))
+        rate = self._rate(load, flows, motors, pull, duration)
+        until = gone or duration
+        y = solve_ivp(rate, (0.0, until), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
+        y[3:7] /= math.hypot(*y[3:7])
+        if gone and gone < duration:
+            y[13] = 0.0
+            return self._carried(y, duration - gone, load, flows, motors, pull)
+        return y
+
+    def _rate(self, load: Any, flows: Any, motors: Any, pull: Any, duration: float) -> Any:
+        """Derivative of a state, as a function of time and state."""
         (force, torque), (more_force, more_torque) = load
         n = self.turning[2]
 
@@ -401,11 +435,9 @@ class RigidOracle(Oracle):
             share = time / duration
             turn = _matrix(*y[3:7])
             v, w = self._motion(y, turn)
-            flow = (flows[0] + share * flows[1]) / speed
+            flow = (flows[0] + share * flows[1]) / self.exhaust
             mass, first, _, inertia = self._whole(y[13])
             tank = y[:3] + turn @ self.arm
-            hub = y[:3] + turn @ self.hub_arm
-            centre = y[:3] + turn @ first / mass
             c, s = math.cos(n * y[-1]), math.sin(n * y[-1])
             frame = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
             outwards = frame[:, 0]
@@ -413,27 +445,42 @@ class RigidOracle(Oracle):
             def falls(x: np.ndarray) -> np.ndarray:
                 return self.gravity + n * n * (3.0 * outwards * (outwards @ x) - x)
 
-            # Thrust, which acts where the nozzles are, and the disturbance at the centre of mass.
+            # Thrust acts where the nozzles are, and the disturbance at the centre of mass of a rod at rest.
             thrust = turn @ (force + share * more_force)
             push = frame @ pull[0]
-            forces = thrust + push - flow * (turn @ (v + _cross(w, self.arm)))
+            centre = y[:3] + turn @ (first + self.resting) / (mass + self.swings)
+            leaving = turn @ (v + _cross(w, self.arm))
+            forces = thrust + push - flow * leaving
             moments = _cross(y[:3], thrust) + turn @ (torque + share * more_torque)
             moments += _cross(centre, push) + frame @ pull[1]
-            moments -= flow * _cross(tank, turn @ (v + _cross(w, self.arm)))
-            moments -= flow * (turn @ self.round @ w)
+            moments -= flow * (_cross(tank, leaving) + turn @ self.round @ w)
+            parts: list[Any] = [(self.hub, y[:3] + turn @ self.hub_arm), (y[13], tank)]
+            swung: list[float] = []
+            if self.slosh is not None:
+                rod, hinge, swinging, turning, slip = self._swing(y, turn, v, w)
+                reach = self.slosh.length * rod
+                place = y[:3] + turn @ (self.hinge + reach)
+                parts.append((self.swings, place))
+                about = _cross(swinging, hinge) + _cross(reach, turn.T @ falls(place))
+                about = self.swings * about - self.slosh.damping * _cross(rod, slip)
+                swung = [*(turn @ turning), *(turn @ about)]
             if self.tide:
                 every = inertia + (self.axes.T * self.rotors) @ self.axes
-                for weight, x in ((self.hub, hub), (y[13], tank)):
-                    forces = forces + weight * falls(x)
-                    moments += _cross(x, weight * falls(x))
                 moments += self.tide * _cross(outwards, turn @ every @ turn.T @ outwards)
-            else:
-                forces = forces + mass * falls(centre)
-                moments += _cross(centre, mass * falls(centre))
+            else:  # all fall as their common centre does
+                whole = sum(weight for weight, _ in parts)
+                parts = [(whole, sum(weight * x for weight, x in parts) / whole)]
+            for weight, x in parts:
+                forces = forces + weight * falls(x)
+                moments += _cross(x, weight * falls(x))
             turned = _turned(y[3:7], w)
-            return np.array([*(turn @ v), *turned, *forces, *moments, -flow, *motors, 1.0])
+            return np.array([*(turn @ v), *turned, *forces, *moments, -flow, *motors, *swung, 1.0])
 
         return rate
+
+
+_SPATIAL = ((0, 3), (3, 7), (7, 10), (10, 13))
+"""Columns of position, attitude, velocity and spin."""
 
 
 def _cross(a: Any, b: Any) -> np.ndarray:
@@ -446,12 +493,6 @@ def _cross(a: Any, b: Any) -> np.ndarray:
 def _about(arm: np.ndarray) -> np.ndarray:
     """Moments of inertia of 1 kg at an arm."""
     return arm @ arm * np.eye(3) - np.outer(arm, arm)
-
-
-def _integrated(rate: Any, y: np.ndarray, duration: float) -> np.ndarray:
-    y = solve_ivp(rate, (0.0, duration), y, "DOP853", rtol=1e-11, atol=1e-13).y[:, -1]
-    y[3:7] /= math.hypot(*y[3:7])
-    return y
 
 
 def _turned(attitude: Any, spin: Any) -> tuple[float, float, float, float]:
@@ -475,164 +516,3 @@ def _matrix(a: float, b: float, c: float, d: float) -> np.ndarray:
             [2 * (b * d - a * c), 2 * (c * d + a * b), a * a - b * b - c * c + d * d],
         ]
     )
-
-
-class Pendulum(NamedTuple):
-    """The rigid part of a craft with a sloshing liquid, and the mass that swings; vectors in B."""
-
-    rigid: float
-    """Mass of the rigid part, kg."""
-    mass: float
-    """Mass that swings, kg."""
-    inertia: np.ndarray
-    """Of the rigid part about its own centre, kg m^2."""
-    origin: np.ndarray
-    """From the rigid part's centre to B's origin, m."""
-    hinge: np.ndarray
-    """From the rigid part's centre to the hinge, m."""
-    length: float
-    """Length of the rod, m."""
-    damping: float
-    """Friction of the hinge, N m s."""
-
-
-class SwingingOracle(Oracle):
-    """One flight of a craft in which a mass swings on a massless rod.
-
-    Newton's equations of the rigid part and of the mass, Euler's of the rigid part and of each rotor, and a rod
-    of constant length are solved as one linear system for the accelerations of both, w', the rotors' s', and the
-    tension. The state has the rigid part's centre in place of B's origin, and after the rotors the rod's unit
-    vector in B and its derivative as seen from B.
-    """
-
-    def __init__(self, flight: Flight, drawn: EpisodeParameters | None, number: int) -> None:
-        super().__init__(flight, drawn, number)
-        slosh: Any = self.craft.further_effectors[0]
-        mass = self.mass * self.swings * slosh.mass / self.craft.mass
-        rigid = self.mass - mass
-        hinge = np.array(slosh.hinge) - self.centre
-        resting = hinge + slosh.length * np.array(slosh.direction)
-        # At rest both have their common centre in B's origin, and together the inertia of the craft.
-        origin = resting * (mass / rigid)
-        inertia = self.inertia.copy()
-        for part, arm in ((mass, resting), (rigid, origin)):
-            inertia -= part * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-        if self.craft.dimension == 2:
-            inertia = np.diag([1.0, 1.0, inertia[2, 2]])
-        damping = self.sticks * slosh.damping
-        self.pendulum = Pendulum(
-            rigid, mass, inertia, origin, hinge + origin, slosh.length, damping
-        )
-
-    def _begun(self) -> np.ndarray:
-        y = super()._begun()
-        rotors = len(self.rotors)
-        stores = [float(x[0, self.number]) for x in self.flight.states.stores[rotors:]]
-        if self.craft.dimension == 3:
-            rod = stores
-        else:
-            slosh: Any = self.craft.further_effectors[0]
-            x, z, _ = slosh.direction
-            angle, rate = stores
-            c, s = math.cos(angle), math.sin(angle)
-            along = np.array([c * x - s * z, s * x + c * z, 0.0])
-            rod = [*along, *(rate * np.array([-along[1], along[0], 0.0]))]
-        turn = Rotation.from_quat(y[[4, 5, 6, 3]])
-        y[:3] -= turn.apply(self.pendulum.origin)
-        y[7:10] -= turn.apply(np.cross(y[10:13], self.pendulum.origin))
-        return np.array([*y[: 14 + rotors], *rod])
-
-    def _columns(self, y: np.ndarray) -> list[float]:
-        y = y.copy()
-        turn = Rotation.from_quat(y[[4, 5, 6, 3]])
-        y[:3] += turn.apply(self.pendulum.origin)
-        y[7:10] += turn.apply(np.cross(y[10:13], self.pendulum.origin))
-        rod = y[14 + len(self.rotors) :]
-        if self.craft.dimension == 3:
-            return [*super()._columns(y), *rod]
-        slosh: Any = self.craft.further_effectors[0]
-        x, z, _ = slosh.direction
-        angle = math.atan2(x * rod[1] - z * rod[0], x * rod[0] + z * rod[1])
-        return [*super()._columns(y), angle, rod[0] * rod[4] - rod[1] * rod[3]]
-
-    def _carried(
-        self, y: np.ndarray, duration: float, load: Any, flows: Any, motors: np.ndarray, pull: Any
-    ) -> np.ndarray:
-        rate = self._swinging(load, motors, pull, duration)
-        return _integrated(rate, y, duration)
-
-    def _swinging(self, load: Any, motors: np.ndarray, pull: Any, duration: float) -> Any:
-        (force, torque), (more_force, more_torque) = load
-        pull_force, pull_torque = pull
-        one = self.pendulum
-        count = len(self.rotors)
-        gravity = self.gravity
-        flat = self.craft.dimension == 2
-        cross = np.cross
-        # Columns: acceleration of the rigid part, w', the rod's second derivative seen from B, tension, s'.
-        matrix = np.zeros((10 + count, 10 + count))
-        matrix[:3, :3] = one.rigid * np.eye(3)
-        matrix[3:6, :3] = one.mass * np.eye(3)
-        matrix[3:6, 6:9] = one.mass * one.length * np.eye(3)
-        matrix[6:9, 3:6] = one.inertia + (self.axes.T * self.rotors) @ self.axes
-        matrix[6:9, 10:] = self.axes.T * self.rotors
-        matrix[10:, 3:6] = (self.axes.T * self.rotors).T
-        matrix[10:, 10:] = np.diag(self.rotors)
-
-        def skew(v: np.ndarray) -> np.ndarray:
-            return np.array([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
-
-        def rate(time: float, y: np.ndarray) -> np.ndarray:
-            share = time / duration
-            a, b, c, d = y[3:7]
-            w = y[10:13]
-            rod = y[14 + count : 17 + count]
-            slip = y[17 + count : 20 + count]
-            turn = Rotation.from_quat([b, c, d, a]).as_matrix()
-            pushed = force + share * more_force + turn.T @ pull_force
-            twisted = torque + share * more_torque + turn.T @ pull_torque
-            falls = turn.T @ gravity
-            reach = one.hinge + one.length * rod
-            drag = -one.damping / one.length * slip
-            momentum = one.inertia @ w + self.axes.T @ self._momenta(y)
-            left = matrix.copy()
-            left[:3, 9] = rod
-            left[3:6, 3:6] = -one.mass * skew(reach)
-            left[3:6, 9] = -rod
-            left[6:9, 9] = cross(one.hinge, rod)
-            left[9, 6:9] = rod
-            right = np.concatenate(
-                [
-                    pushed - drag + one.rigid * falls,
-                    drag
-                    + one.mass
-                    * (falls - cross(w, cross(w, reach)) - 2.0 * one.length * cross(w, slip)),
-                    twisted
-                    + cross(one.origin, pushed)
-                    - cross(one.hinge, drag)
-                    + one.damping * cross(rod, slip)
-                    - cross(w, momentum),
-                    [-slip @ slip],
-                    motors,
-                ]
-            )
-            if flat:  # what would leave the plane is held
-                right[[2, 5, 6, 7]] = 0.0
-                left[6:8] = 0.0
-                left[6, 3] = left[7, 4] = 1.0
-            solved = np.linalg.solve(left, right)
-            turned = _turned((a, b, c, d), w)
-            return np.array(
-                [
-                    *y[7:10],
-                    *turned,
-                    *(turn @ solved[:3]),
-                    *solved[3:6],
-                    0.0,
-                    *solved[10:],
-                    *slip,
-                    *solved[6:9],
-                ]
-            )
-
-        return rate

@@ -31,7 +31,7 @@ from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import GoToPose
-from tests.support.pair_oracle import RigidOracle, SwingingOracle
+from tests.support.pair_oracle import Oracle
 from tests.support.played import Played
 from validation.study.sampling import Restless, gaps
 
@@ -360,8 +360,7 @@ def compare(
         craft = flight.craft
         steps = flight.timing.episode_steps
         drawn = draw(conditions, craft, Body.of(craft), steps, own.first, own)
-    kind = RigidOracle if flight.craft.is_rigid else SwingingOracle
-    rows = kind(flight, drawn, 0).fly()
+    rows = Oracle(flight, drawn, 0).fly()
     return _apart(flight, unflatten(flight.states, [column[:, None] for column in rows.T]))
 
 

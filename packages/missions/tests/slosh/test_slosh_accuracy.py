@@ -15,7 +15,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
-from tests.support.pair_oracle import SwingingOracle
+from tests.support.pair_oracle import Oracle
 from tests.support.slosh import IN_SPACE, IN_SPACE_SLOSH, SLOSH, SLOSHING, slosh_of
 from validation.study.sampling import Restless, gaps
 
@@ -48,7 +48,7 @@ def restless(craft: Spacecraft, seed: int, seconds: float, timing: Timing) -> Fl
 
 
 def agrees(flight: Flight) -> None:
-    rows = SwingingOracle(flight, None, 0).fly()
+    rows = Oracle(flight, None, 0).fly()
     others = unflatten(flight.states, [column[:, None] for column in rows.T])
     apart = gaps(flight.states, others)
     assert apart["position"].max() < BOUND
