@@ -12,58 +12,37 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, brief, counted, read_text, read_toml
+from rans.extend import ConfigError, brief, counted, read_text, read_toml, structure
 from rans_proof.formula import Tape, formula_value
 
+Number = int | float
+"""A number of a file, of which one without a point stays a whole one."""
 MOST_STATES = 16
 """Largest number of states."""
 MOST_STEPS = 10_000
 """Largest number of control periods."""
+_LARGEST = 1e9
+"""Numbers of a problem are smaller."""
 _MOST_FUNCTIONS = 1000
 """Linear functions of a property, or numbers that a network takes, at most."""
 
 
 @dataclass(frozen=True)
-class SpeedLimit:
-    """|velocity| <= base + slope |position| at all times; vectors of any number of states."""
+class Distances:
+    """base + slope |position| - |velocity| is not negative; both are vectors of states, and one of none is 0."""
 
+    base: float
+    slope: float
     position: tuple[int, ...]
     velocity: tuple[int, ...]
-    base: float
-    """m/s."""
-    slope: float
-    """1/s."""
 
     def margins(self, states: np.ndarray) -> np.ndarray:
         """Margins (N,) of states (N, n); negative where the property is broken."""
-        speed = np.linalg.norm(states[:, list(self.velocity)], axis=1)
-        distance = np.linalg.norm(states[:, list(self.position)], axis=1)
+        distance, speed = (
+            np.linalg.norm(states[:, list(numbers)], axis=1)
+            for numbers in (self.position, self.velocity)
+        )
         return self.base + self.slope * distance - speed
-
-
-@dataclass(frozen=True)
-class KeepOut:
-    """|position| >= radius at all times; position is of any number of states."""
-
-    position: tuple[int, ...]
-    radius: float
-    """m."""
-
-    def margins(self, states: np.ndarray) -> np.ndarray:
-        """Margins (N,) of states (N, n); negative inside the ball."""
-        return np.linalg.norm(states[:, list(self.position)], axis=1) - self.radius
-
-
-@dataclass(frozen=True)
-class StayIn:
-    """|position| <= radius at all times; position is of any number of states."""
-
-    position: tuple[int, ...]
-    radius: float
-
-    def margins(self, states: np.ndarray) -> np.ndarray:
-        """Margins (N,) of states (N, n); negative outside of the ball."""
-        return self.radius - np.linalg.norm(states[:, list(self.position)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -90,6 +69,15 @@ class Box:
     lower: tuple[float, ...]
     upper: tuple[float, ...]
 
+    def __post_init__(self) -> None:
+        are_numbers = all(abs(x) <= _LARGEST for x in (*self.lower, *self.upper))
+        _need(
+            are_numbers and len(self.lower) == len(self.upper),
+            "lower and upper must be lists of as many numbers below 1e9",
+        )
+        is_box = all(low <= high for low, high in zip(self.lower, self.upper, strict=True))
+        _need(is_box, "lower must not be above upper")
+
     def inside(self) -> HalfSpaces:
         """The state is in the box: every face is beyond it."""
         eye = np.eye(len(self.lower))
@@ -105,7 +93,7 @@ class Box:
         )
 
 
-Property = SpeedLimit | KeepOut | StayIn | HalfSpaces
+Property = Distances | HalfSpaces
 
 
 @dataclass(frozen=True)
@@ -211,13 +199,13 @@ def linear_function(text: str, names: Sequence[str]) -> np.ndarray:
             case "inverse", first if not rows[first][:-1].any():
                 row = eye[-1] / rows[first][-1]
             case _:
-                raise NotLinear
+                raise NotLinear(brief(text))
         rows.append(row)
     return rows[result.number]
 
 
 class NotLinear(Exception):
-    """A product or function of variables."""
+    """A product or function of variables; the message is the formula."""
 
 
 def read_problem(file: Path) -> Problem:
@@ -230,182 +218,168 @@ def read_problem(file: Path) -> Problem:
     return problem_of(text, file)
 
 
+@dataclass(frozen=True)
+class _End(Box):
+    earliest: Number = 0
+
+
+@dataclass(frozen=True)
+class _Ball:
+    position: tuple[Number, ...]
+    radius: float
+
+    def __post_init__(self) -> None:
+        _need(0.0 < self.radius < _LARGEST, f"radius must be above 0, got {self.radius}")
+
+
+@dataclass(frozen=True)
+class _SpeedLimit:
+    position: tuple[Number, ...]
+    velocity: tuple[Number, ...]
+    base: float
+    slope: float
+
+    def __post_init__(self) -> None:
+        _need(abs(self.base) < _LARGEST, f"base must be a number below 1e9, got {self.base}")
+        _need(0.0 <= self.slope < _LARGEST, f"slope must be >= 0, got {self.slope}")
+        _need(len(self.velocity) == 2, "velocity must be two states: one in the plane is proved")
+
+
+@dataclass(frozen=True)
+class _Keep:
+    """What a file may ask of flights, one of these."""
+
+    avoid: Box | None = None
+    within: Box | None = None
+    every: tuple[str, ...] | None = None
+    some: tuple[str, ...] | None = None
+    keep_out: _Ball | None = None
+    stay_in: _Ball | None = None
+    speed_limit: _SpeedLimit | None = None
+
+    def __post_init__(self) -> None:
+        count = sum(limit is not None for limit in vars(self).values())
+        _need(count == 1, f"there must be one of {', '.join(vars(self))}, got {count}")
+
+    def of(self, count: int) -> Property:
+        """The property, of so many states; `ConfigError` if it is of other states."""
+        if box := self.avoid or self.within:
+            _need(len(box.lower) == count, f"a box must have {counted(count, 'number')}")
+            return box.inside() if self.within else box.outside()
+        if limit := self.speed_limit:
+            places = _states(limit.position, count), _states(limit.velocity, count)
+            return Distances(limit.base, limit.slope, *places)
+        if ball := self.keep_out:
+            return Distances(-ball.radius, 1.0, _states(ball.position, count), ())
+        if ball := self.stay_in:
+            return Distances(ball.radius, 0.0, (), _states(ball.position, count))
+        formulas = self.some if self.every is None else self.every
+        return HalfSpaces(*_linear_rows(formulas or (), count), self.some is None)
+
+
+@dataclass(frozen=True)
+class _File:
+    """Tables of a file; numbers without a point stay whole numbers, as the checker asks for them."""
+
+    name: str
+    period: float
+    steps: Number
+    commands: Number
+    derivative: tuple[str, ...]
+    start: Box
+    keep: _Keep | None = None
+    end: _End | None = None
+    inputs: tuple[str, ...] | None = None
+    begins: Number = 0
+
+    def problem(self, text: str) -> Problem:
+        """The problem of a file's text; `ConfigError` if its numbers and formulas do not fit together."""
+        count = len(self.derivative)
+        _need(
+            1 <= count <= MOST_STATES, f"derivative must be a list of 1 to {MOST_STATES} formulas"
+        )
+        is_line = len(self.name) <= 200 and self.name.isprintable()
+        _need(is_line, "name must be a line of at most 200 characters")
+        steps = _whole(self.steps, 1, MOST_STEPS, "steps")
+        commands = _whole(self.commands, 1, count, "commands")
+        is_short = 0.0 < self.period <= 1e4
+        _need(is_short, f"period must be above 0 and at most 10,000 s, got {self.period}")
+        _need(self.keep or self.end, "it must have keep or end: what flights keep, or their end")
+        for box in (self.start, self.end or self.start):
+            _need(len(box.lower) == count, f"start and end must have {counted(count, 'number')}")
+        if self.inputs is not None:
+            _linear_rows(self.inputs, count)
+        problem = Problem(
+            name=self.name,
+            derivative=self.derivative,
+            commands=commands,
+            period=self.period,
+            steps=steps,
+            lower=self.start.lower,
+            upper=self.start.upper,
+            keep=self.keep.of(count) if self.keep else None,
+            end=self._narrow_end(self.end) if self.end else None,
+            text=text,
+            inputs=self.inputs or (),
+            begins=_whole(self.begins, 0, steps - 1, "begins"),
+            earliest=_whole(self.end.earliest, 0, steps, "end.earliest") if self.end else 0,
+        )
+        # Refuses what is no formula.
+        anything = np.full(1, np.nan)
+        problem.rates([anything] * count, [anything] * commands)
+        return problem
+
+    def _narrow_end(self, end: Box) -> Box:
+        """The box of the end, which has no sides along states that never change and start within them."""
+        corners = np.array([end.lower, end.upper])
+        starts = zip(self.derivative, self.start.lower, self.start.upper, strict=True)
+        for i, (rate, low, high) in enumerate(starts):
+            if rate.strip() == "0" and corners[0, i] <= low and high <= corners[1, i]:
+                corners[:, i] = -_LARGEST, _LARGEST
+        return Box(*map(tuple, corners.tolist()))
+
+
 def problem_of(text: str, where: object = "the problem") -> Problem:
     """Problem of a TOML text, with closed tables; errors begin with ``where`` and are those of `read_problem`.
 
     Texts that this accepts and the checker's own reader refuses end as refused certificates.
     """
-    table = read_toml(text)
-    required = {"name", "period", "steps", "derivative", "commands", "start"}
-    if table.keys() - {"keep", "end", "inputs", "begins"} != required:
-        raise ConfigError(
-            f"{where} must have the keys {', '.join(sorted(required))}, and has {', '.join(table)}."
-        )
-    if not {"keep", "end"} & table.keys():
-        raise ConfigError(f"{where} must have keep or end: what flights keep, or where they end.")
-    # Sizes first, as all else depends on them.
-    derivative = table["derivative"]
-    if not (
-        isinstance(derivative, list)
-        and all(isinstance(entry, str) for entry in derivative)
-        and 1 <= len(derivative) <= MOST_STATES
-    ):
-        raise ConfigError(f"{where}: derivative must be a list of 1 to {MOST_STATES} formulas.")
-    count = len(derivative)
-    name = table["name"]
-    if not (isinstance(name, str) and len(name) <= 200 and name.isprintable()):
-        raise ConfigError(f"{where}: name must be a line of at most 200 characters.")
-    steps = table["steps"]
-    commands = table["commands"]
-    for key, value, largest in (("steps", steps, MOST_STEPS), ("commands", commands, count)):
-        if type(value) is not int or not 1 <= value <= largest:
-            raise ConfigError(
-                f"{where}: {key} must be a whole number from 1 to {largest}, got {brief(value)}."
-            )
-    (period,) = _numbers([table["period"]], 1, f"{where}: period")
-    if not 0.0 < period <= 1e4:
-        raise ConfigError(f"{where}: period must be above 0 and at most 10,000 s, got {period}.")
-    lower, upper = _corners(table["start"], count, f"{where}: start")
-    begins = table.get("begins", 0)
-    if type(begins) is not int or not 0 <= begins < steps:
-        raise ConfigError(
-            f"{where}: begins must be a whole number from 0 to {steps - 1}, got {brief(begins)}."
-        )
-    inputs = table.get("inputs", [])
-    if "inputs" in table:
-        _linear_rows(inputs, count, f"{where}: inputs")
-    end, earliest = _end(table["end"], count, steps, where) if "end" in table else (None, 0)
-    if end is not None:
-        for i, rate in enumerate(derivative):
-            is_inside = end.lower[i] <= lower[i] and upper[i] <= end.upper[i]
-            if rate.strip() == "0" and is_inside:
-                ends = (
-                    (*x[:i], edge, *x[i + 1 :]) for x, edge in ((end.lower, -1e9), (end.upper, 1e9))
-                )
-                end = Box(*ends)
-    problem = Problem(
-        name,
-        tuple(derivative),
-        commands,
-        period,
-        steps,
-        lower,
-        upper,
-        _property(table["keep"], count, where) if "keep" in table else None,
-        end,
-        text,
-        tuple(inputs),
-        begins,
-        earliest,
-    )
-    # Refuses what is no formula.
-    anything = np.full(1, np.nan)
-    problem.rates([anything] * count, [anything] * commands)
-    return problem
+    file = structure(read_toml(text), _File, str(where))
+    try:
+        return file.problem(text)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
 
 
-def _end(table: Any, count: int, steps: int, where: object) -> tuple[Box, int]:
-    """Box of a flight's end, and after how many periods flights may be in it; `ConfigError` names the key."""
-    table = dict(table) if isinstance(table, dict) else table
-    earliest = table.pop("earliest", 0) if isinstance(table, dict) else 0
-    if type(earliest) is not int or not 0 <= earliest <= steps:
-        raise ConfigError(
-            f"{where}: end.earliest must be a whole number from 0 to {steps}, got {brief(earliest)}."
-        )
-    return Box(*_corners(table, count, f"{where}: end")), earliest
+def _need(condition: object, must: str) -> None:
+    """Refuse (`ConfigError`) a table that does not meet a condition; its reader says where it is."""
+    if not condition:
+        raise ConfigError(f"{must}.")
+
+
+def _whole(number: Number, low: int, high: int, what: str) -> int:
+    """A whole number within bounds, both of which are allowed; `ConfigError` for others."""
+    is_whole = type(number) is int and low <= number <= high
+    _need(is_whole, f"{what} must be a whole number from {low} to {high}, got {brief(number)}")
+    return int(number)
+
+
+def _states(numbers: Sequence[Number], count: int) -> tuple[int, ...]:
+    """Numbers of states, each at most once."""
+    states = tuple(_whole(k, 0, count - 1, "the number of a state") for k in numbers)
+    _need(states and len(set(states)) == len(states), "a list of states has none, or one twice")
+    return states
 
 
 def _linear_rows(
-    formulas: Any, count: int, where: str
+    formulas: Sequence[str], count: int
 ) -> tuple[tuple[tuple[float, ...], ...], tuple[float, ...]]:
     """Factors (a row each) and constants of linear functions of the state x0, x1 ...; `ConfigError` for others."""
-    good = isinstance(formulas, list) and 1 <= len(formulas) <= _MOST_FUNCTIONS
-    if not good or not all(isinstance(text, str) for text in formulas):
-        raise ConfigError(f"{where} must be a list of 1 to {_MOST_FUNCTIONS} formulas.")
+    is_list = 1 <= len(formulas) <= _MOST_FUNCTIONS
+    _need(is_list, f"a list of functions must have 1 to {_MOST_FUNCTIONS}")
     names = [f"x{i}" for i in range(count)]
-    rows = []
-    for text in formulas:
-        try:
-            rows.append(linear_function(text, names))
-        except NotLinear:
-            raise ConfigError(
-                f"{where}: {brief(text)} is no linear function of the state."
-            ) from None
-    table = np.array(rows)
+    try:
+        table = np.array([linear_function(text, names) for text in formulas])
+    except NotLinear as error:
+        raise ConfigError(f"{error} is no linear function of the state.") from None
     return tuple(map(tuple, table[:, :-1].tolist())), tuple(table[:, -1].tolist())
-
-
-def _property(table: Any, count: int, where: object) -> Property:
-    # One case a kind; what has another key is refused at the end.
-    """Property of a table, one of a closed list, or a `ConfigError` that names the key."""
-    match table:
-        case {"speed_limit": dict() as limit, **rest} if not rest and limit.keys() == {
-            "position",
-            "velocity",
-            "base",
-            "slope",
-        }:
-            position = _state_numbers(
-                limit["position"], count, f"{where}: keep.speed_limit.position"
-            )
-            velocity = _state_numbers(
-                limit["velocity"], count, f"{where}: keep.speed_limit.velocity"
-            )
-            base, slope = _numbers([limit["base"], limit["slope"]], 2, f"{where}: keep.speed_limit")
-            if slope < 0.0:
-                raise ConfigError(f"{where}: keep.speed_limit.slope must be >= 0, got {slope}.")
-            if len(velocity) != 2:
-                raise ConfigError(
-                    f"{where}: keep.speed_limit.velocity must be two states: a limit of a velocity in the plane is "
-                    "proved."
-                )
-            return SpeedLimit(position, velocity, base, slope)
-        case {"avoid": dict() as box, **rest} if not rest:
-            return Box(*_corners(box, count, f"{where}: keep.avoid")).outside()
-        case {"within": dict() as box, **rest} if not rest:
-            return Box(*_corners(box, count, f"{where}: keep.within")).inside()
-        case {"every": formulas, **rest} if not rest:
-            return HalfSpaces(*_linear_rows(formulas, count, f"{where}: keep.every"), True)
-        case {"some": formulas, **rest} if not rest:
-            return HalfSpaces(*_linear_rows(formulas, count, f"{where}: keep.some"), False)
-        case {"keep_out": dict() as ball, **rest} | {"stay_in": dict() as ball, **rest} if (
-            not rest and (ball.keys() == {"position", "radius"})
-        ):
-            (kind,) = table
-            position = _state_numbers(ball["position"], count, f"{where}: keep.{kind}.position")
-            (radius,) = _numbers([ball["radius"]], 1, f"{where}: keep.{kind}.radius")
-            if not radius > 0.0:
-                raise ConfigError(f"{where}: keep.{kind}.radius must be above 0, got {radius}.")
-            return (KeepOut if kind == "keep_out" else StayIn)(position, radius)
-    raise ConfigError(
-        f"{where}: keep is speed_limit with position, velocity, base and slope, keep_out or stay_in with position "
-        "and radius, avoid or within with lower and upper, or every or some with a list of formulas that are not "
-        "negative."
-    )
-
-
-def _state_numbers(numbers: Any, count: int, where: str) -> tuple[int, ...]:
-    """Numbers of states, each at most once."""
-    good = isinstance(numbers, list) and 1 <= len(numbers) <= count
-    if not good or not all(type(i) is int and 0 <= i < count for i in numbers):
-        raise ConfigError(f"{where} must be a list of numbers of states, 0 to {count - 1}.")
-    if len(set(numbers)) != len(numbers):
-        raise ConfigError(f"{where} has a state twice.")
-    return tuple(numbers)
-
-
-def _corners(box: Any, count: int, where: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Lower and upper corner of a box."""
-    if not isinstance(box, dict) or box.keys() != {"lower", "upper"}:
-        raise ConfigError(f"{where} must have lower and upper, and nothing else.")
-    lower, upper = (_numbers(box[key], count, f"{where}.{key}") for key in ("lower", "upper"))
-    if any(low > high for low, high in zip(lower, upper, strict=True)):
-        raise ConfigError(f"{where}.lower must not be above {where.rpartition(' ')[2]}.upper.")
-    return lower, upper
-
-
-def _numbers(values: Any, count: int, where: str) -> tuple[float, ...]:
-    good = isinstance(values, list) and len(values) == count
-    if not good or not all(type(x) in (int, float) and abs(x) < 1e9 for x in values):
-        raise ConfigError(f"{where}: {brief(values)} must be {counted(count, 'number')} below 1e9.")
-    return tuple(float(x) for x in values)

@@ -18,7 +18,7 @@ from rans_proof.flights import at_decisions, lowest_margins, worst_start
 from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
-from rans_proof.problem import HalfSpaces, KeepOut, Problem, SpeedLimit, StayIn
+from rans_proof.problem import Distances, HalfSpaces, Problem
 from rans_proof.relaxation import Planes, Zonotope, enclose
 
 _DIRECTIONS = 64
@@ -330,19 +330,12 @@ class ClosedLoop:
         A lower bound with all rounding over both ends and, by the sag, all that lies between them.
         """
         keep = self.problem.keep
-        if isinstance(keep, HalfSpaces):
-            return self._faces(piece, keep)
-        if isinstance(keep, StayIn):
-            return self._in(piece, keep)
         assert keep is not None
-        ends = (piece.begin, piece.end)
-        position = list(keep.position)
-        middle = ends[0].centre[:, position] + ends[1].centre[:, position]
-        ahead = middle / torch.linalg.vector_norm(middle, dim=1, keepdim=True).clamp(min=1e-12)
-        ahead = ahead * (1.0 - 1e-14)  # no longer than 1, despite its rounding
-        if isinstance(keep, KeepOut):
-            return self._out(piece, keep, ahead)
-        return self._slow(piece, keep, ahead)
+        return (
+            self._faces(piece, keep)
+            if isinstance(keep, HalfSpaces)
+            else self._distances(piece, keep)
+        )
 
     def _faces(self, piece: Piece, keep: HalfSpaces) -> Tensor:
         """Least values (pieces,) of all linear functions together, or of the best one."""
@@ -353,42 +346,37 @@ class ClosedLoop:
         value = value - 2.0**-50 * (lowest.abs().amax(dim=0) + constants.abs())
         return value.amin(dim=1) if keep.every else value.amax(dim=1)
 
-    def _in(self, piece: Piece, keep: StayIn) -> Tensor:
-        """Distance from a ball's surface, from inside: of the corner of the box around a piece."""
-        position = list(keep.position)
-        far = [
-            torch.linalg.vector_norm((end.size + piece.sag)[:, position], dim=1)
-            for end in (piece.begin, piece.end)
-        ]
-        return keep.radius - torch.maximum(*far) * (1.0 + 1e-9)
+    def _distances(self, piece: Piece, keep: Distances) -> Tensor:
+        """Margin (B,) of base + slope |p| - |v|.
 
-    def _out(self, piece: Piece, keep: KeepOut, ahead: Tensor) -> Tensor:
-        """Distance (B,) from a ball: |p| >= d p in any direction d (B, k), least at an end of the chord."""
-        position = list(keep.position)
-        row = torch.zeros(
-            (len(ahead), 1, self.problem.states), dtype=torch.float64, device=self.device
-        )
-        row[:, 0, position] = -ahead
-        nearest = torch.stack([-end.highest(row)[:, 0] for end in (piece.begin, piece.end)])
-        sag = torch.linalg.vector_norm(piece.sag[:, position], dim=1)
-        return nearest.amin(dim=0) - sag * (1.0 + 1e-9) - keep.radius * (1.0 + 1e-14)
-
-    def _slow(self, piece: Piece, keep: SpeedLimit, ahead: Tensor) -> Tensor:
-        """Margin (B,) of a speed limit.
-
-        In any direction d, |p| >= d p; and |v| <= max over e of e v / cos(pi / K) for K directions e. The sum of
-        both is linear, so that over the chord of the piece it is largest at an end.
+        In any direction d, |p| >= d p: along the middle of the chord. Beside it a velocity in the plane is at
+        most the maximum over e of e v / cos(pi / K) for K directions e; a vector v alone is at most that to the
+        farthest corner of the box around it. The sum of e v and -d p is linear, so that over the chord it is
+        largest at an end.
         """
         position = list(keep.position)
         velocity = list(keep.velocity)
         ends = (piece.begin, piece.end)
+        middle = ends[0].centre[:, position] + ends[1].centre[:, position]
+        ahead = middle / torch.linalg.vector_norm(middle, dim=1, keepdim=True).clamp(min=1e-12)
+        ahead = ahead * (1.0 - 1e-14)  # no longer than 1, despite its rounding
+        is_joint = bool(position and velocity)
         functions = torch.zeros(
-            (len(ahead), _DIRECTIONS, self.problem.states), dtype=torch.float64, device=self.device
+            (len(ahead), _DIRECTIONS if is_joint else 1, self.problem.states),
+            dtype=torch.float64,
+            device=self.device,
         )
-        stretched = self._round / np.cos(np.pi / _DIRECTIONS) * (1.0 + 1e-14)
-        functions[:, :, velocity] = stretched
+        sag = keep.slope * torch.linalg.vector_norm(piece.sag[:, position], dim=1)
+        corner = torch.zeros_like(sag)
+        if is_joint:
+            stretched = self._round / np.cos(np.pi / _DIRECTIONS) * (1.0 + 1e-14)
+            functions[:, :, velocity] = stretched
+            sag = sag + torch.linalg.vector_norm(piece.sag[:, velocity], dim=1)
+        elif velocity:
+            far = [
+                torch.linalg.vector_norm((end.size + piece.sag)[:, velocity], dim=1) for end in ends
+            ]
+            corner = torch.maximum(*far) * (1.0 + 1e-9)
         functions[:, :, position] -= keep.slope * ahead[:, None, :]
         highest = torch.stack([end.highest(functions).amax(dim=1) for end in ends]).amax(dim=0)
-        sag = torch.linalg.vector_norm(piece.sag[:, velocity], dim=1)
-        sag = sag + keep.slope * torch.linalg.vector_norm(piece.sag[:, position], dim=1)
-        return keep.base - highest - sag * (1.0 + 1e-9)
+        return keep.base - 1e-14 * abs(keep.base) - highest - corner - sag * (1.0 + 1e-9)

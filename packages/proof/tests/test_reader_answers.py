@@ -55,7 +55,9 @@ ANSWERS: Answers = {
         "frames": "the same",
         "times": Answer(problem("period = 0.5", "period = 0.0"), "period must be"),
         "order": Answer(problem("upper = [5.0", "upper = [3.0"), "must not be above"),
-        "dropped": Answer(problem("steps = 20", "steps = 20\nhorizon = 3"), "must have the keys"),
+        "dropped": Answer(
+            problem("steps = 20", "steps = 20\nhorizon = 3"), "unknown key 'horizon'"
+        ),
         "sizes": Answer(problem("steps = 20", "steps = 1000000000"), "steps must be"),
         "evidence": Answer(problem("0.1 * u0", "0.1 * u7"), "no formula of a problem"),
     },
