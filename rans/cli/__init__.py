@@ -6,6 +6,7 @@ import errno
 import io
 import json
 import os
+import shlex
 import sys
 import time
 import unicodedata
@@ -190,8 +191,21 @@ def _followed(command: Any) -> int:
 
 
 def next_of(command: Any) -> list[str]:
-    """Commands that follow a command; code that it trusts, those that ask trust too."""
-    following = [*command.following()]
+    """Commands that follow a command; code that it trusts, those that ask trust too.
+
+    Of several words of an option the first stands in a command.
+    """
+    following = command.following
+    if callable(following):
+        following = following()
+    else:
+        firsts = {
+            name: value[0] if isinstance(value, tuple) and value else value
+            for name, value in vars(command).items()
+        }
+        words = {name: shlex.quote(str(value)) for name, value in firsts.items()}
+        following = [line.format_map(words) for line in following]
+    following = [*following]
     if getattr(command, "trust", False):
         for k, line in enumerate(following):
             if hasattr(COMMANDS[line.split()[1]], "trust"):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar, Protocol
 
 from rans.errors import ConfigError
@@ -16,18 +15,17 @@ class Command(Protocol):
         group: title of its group in the overview of ``rans``.
         guide: page of the documentation, as a path in the repository.
         examples: command lines for its help.
+        following: commands to suggest after success where `run` has suggested none, with options in braces, as in
+            "rans view {agent}", or a method that returns them; none after output for programs.
     """
 
     group: ClassVar[str]
     guide: ClassVar[str]
     examples: ClassVar[tuple[str, ...]]
+    following: Any
 
     def run(self) -> int:
         """Run the command, and return the exit code: 0 for success, 1 if a check or a run failed."""
-        ...
-
-    def following(self) -> Sequence[str]:
-        """Commands to suggest after success where `run` has suggested none; none after output for programs."""
         ...
 
 
@@ -38,15 +36,10 @@ def divides_work(command: object) -> bool:
 
 def _checked(command: Any) -> type[Command]:
     """Refuse (`ConfigError`) a package's command that lacks what every command has."""
-    if not isinstance(command, type) or not (
-        hasattr(command, "run") and hasattr(command, "following")
-    ):
-        raise ConfigError(
-            f"a command must be a dataclass with methods run and following, got {command!r}."
-        )
-    lacking = [name for name in ("group", "guide", "examples") if not hasattr(command, name)]
-    if lacking:
-        raise ConfigError(f"the class of a command must have {', '.join(lacking)}.")
+    needed = ("run", "following", "group", "guide", "examples")
+    lacking = [name for name in needed if not hasattr(command, name)]
+    if lacking or not isinstance(command, type):
+        raise ConfigError(f"the class of a command must have {', '.join(needed)}, got {command!r}.")
     return command
 
 

@@ -18,6 +18,7 @@ from rans.files import (
     command_line,
     distinct,
     inside,
+    read_json,
     ready_folder,
     write_json,
 )
@@ -150,6 +151,8 @@ class Evaluate(Options):
 
         folder, suffix = self._output(run)
         file = self._file(run)
+        if self.engine != "both" and file.exists() and "both" in read_json(file):
+            Terminal().say(f"This replaces the comparison of both engines in {file}.")
         made = about(str(self.agent), run.judged, "rans.evaluate")
         write_json(file, results | {"conditions": self._conditions(run), "about": made})
         save_episodes(flight, folder / f"episodes{suffix}.npz", self.full)

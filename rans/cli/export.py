@@ -30,10 +30,7 @@ class Export(Options):
         "rans export runs/first --output my-agent --format onnx",
         "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
     )
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "view", self.agent]),)
+    following = ("rans view {agent}",)
 
     def run(self) -> int:
         """Write the export and print its files and what to run next; the exit code is 0."""

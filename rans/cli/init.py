@@ -38,13 +38,10 @@ class Init(Options):
         "rans init mine.toml --from atmos",
         "rans init mine.toml --from robot.urdf --dimension 3",
     )
+    following = ("rans list {file}",)
 
     file: Annotated[Path, Positional, arg(metavar="FILE.toml")]
     """File to write."""
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return (f"rans list {shlex.quote(str(self.file))}",)
 
     def run(self) -> int:
         """Check, write and draw; the exit code is 0."""

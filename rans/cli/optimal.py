@@ -67,6 +67,7 @@ class Optimal(Options):
         "rans optimal go-to-pose --episodes 4 --certify",
         "rans optimal go-to-pose --start 3 1 40deg --goal 0 0 0",
     )
+    following = ("rans list CONTROLLERS",)
 
     episodes: int = 16
     """Number of starts."""
@@ -80,10 +81,6 @@ class Optimal(Options):
     answers the same; less gives wider gaps."""
     output: Path | None = None
     """Folder to write into; by default runs/optimal-TASK-SPACECRAFT-OBJECTIVE."""
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list CONTROLLERS",)
 
     def run(self) -> int:
         """Print a table of the starts, and write trajectories, figures and bounds; 1 if a start was lost."""

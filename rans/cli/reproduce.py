@@ -34,6 +34,7 @@ class Reproduce:
         "rans reproduce --quick",
         "rans reproduce --only stress",
     )
+    following = ("rans validate floating-platform",)
 
     quick: bool = False
     """Fly fewer flights of every table, and accept what these differ by."""
@@ -43,10 +44,6 @@ class Reproduce:
     """Folder of differences.md and of all that is flown."""
     executor: ExecutorText = ""
     """Where the tables are flown; each is one job."""
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans validate floating-platform",)
 
     def run(self) -> int:
         """Run the campaign of the checkout in a process of its own, and return its exit code."""

@@ -47,16 +47,13 @@ class Sweep(Options):
         "rans sweep go-to-pose --seeds 8",
         "rans sweep go-to-pose --set learning_rate=1e-3,3e-4 --set gamma=0.98,0.99",
     )
+    following = ("rans list AGENTS",)
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE,VALUE")] = ()
     """Values of an entry of the config (see `rans list TRAINING`), as in
     `--set ppo.gamma=0.98,0.99`, `--set spacecraft=mine.toml` or `--set conditions=lab`; may be repeated."""
     resume: Path | None = None
     """Continue the sweep in this folder from its last checkpoints."""
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list AGENTS",)
 
     def run(self) -> int:
         """Train with progress and print a table; the exit code is 130 or 143 if it was stopped early."""

@@ -67,6 +67,7 @@ class Train(Options):
         "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
         "rans train --resume runs/first",
     )
+    following = ("rans list AGENTS",)
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
     """Change an entry of the config (see `rans list TRAINING`), as in `--set ppo.gamma=0.98`,
@@ -167,10 +168,6 @@ class Train(Options):
             seed=self.seed,
             total_timesteps=self.total_timesteps,
         )
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list AGENTS",)
 
     def run(self) -> int:
         """Train with progress; the exit code is 130 or 143 if it was stopped early."""

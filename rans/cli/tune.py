@@ -35,10 +35,7 @@ class Tune(Options):
     group = "Train"
     guide = "docs/controllers.md"
     examples = ("rans tune lqr:go-to-pose-2d@mine.toml",)
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list CONTROLLERS",)
+    following = ("rans list CONTROLLERS",)
 
     def run(self) -> int:
         """Search, then print and write default and tuned settings with their costs; the exit code is 0."""

@@ -32,7 +32,7 @@ def test_every_command_has_a_next_one(name: str) -> None:
             command = replace(command, name=command.name and "floating-platform")
         if name == "validate":
             command = replace(command, spacecraft="floating-platform")
-        following = command.following()
+        following = cli.next_of(command)
         assert following
         for line in following:
             program, *arguments = shlex.split(line)

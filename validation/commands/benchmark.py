@@ -37,13 +37,10 @@ class Benchmark(Options):
     group = "Check"
     guide = "docs/speed.md"
     examples = ("rans benchmark --quick",)
+    following = ("rans train go-to-pose",)
 
     output: Annotated[Path | None, arg(metavar="FILE")] = None
     """JSON file to write all values to, warm-up times and notes too."""
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans train go-to-pose",)
 
     def run(self) -> int:
         """Print ratios first, then the measurements; after an interrupt, those so far."""

@@ -89,10 +89,7 @@ class Prove(Options):
         "rans prove network.onnx --problem docking.toml",
         "rans prove network.onnx --check docking.certificate.json",
     )
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list",)
+    following = ("rans list",)
 
     def run(self) -> int:
         """Prove or check what the options name, and print the result.

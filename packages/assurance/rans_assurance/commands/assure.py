@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import inspect
-import shlex
 from typing import TYPE_CHECKING
 
 from rans.extend import Options, Terminal, command_of, whole, word
@@ -35,10 +34,7 @@ class Assure(Options):
         "rans assure runs/first --failure-below 1e-3",
         "rans assure runs/first --conditions lab --search lab",
     )
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "dossier", self.agent]),)
+    following = ("rans dossier {agent}",)
 
     def run(self) -> int:
         """Fly, repeat failed flights, write and print the results; 1 if an asked bound was not shown."""

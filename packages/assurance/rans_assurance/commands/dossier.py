@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -29,15 +28,12 @@ class DossierCommand:
         "rans dossier go-to-pose-2d-robust",
         "rans dossier go-to-pose-2d-robust --check",
     )
+    following = ("rans dossier {agent} --check",)
 
     agent: Annotated[str, conf.Positional, conf.arg(metavar="AGENT")]
     """Run folder of the agent, or the name of one that comes with RANS."""
     check: bool = False
     """Compare the dossier that was written with the agent, with its files, and with its commands run again."""
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "dossier", self.agent, "--check"]),)
 
     def run(self) -> int:
         """Write the dossier and print its rows, or check the one that is there; 1 if it says what is not so."""

@@ -18,10 +18,7 @@ class Faults(Options):
     group = "Limits"
     guide = "docs/assurance/faults.md"
     examples = ("rans faults floating-platform",)
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list CONDITIONS",)
+    following = ("rans list CONDITIONS",)
 
     def run(self) -> int:
         """Print the faults that the craft can recover from; the exit code is 0."""

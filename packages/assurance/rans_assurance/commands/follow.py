@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-
 from rans.extend import (
     EVALUATION_SEED,
     Options,
@@ -32,10 +30,7 @@ class Follow(Options):
     guide = "docs/agents.md"
     divides_work = True
     examples = ("rans follow pretrained:track-velocity-2d",)
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "view", self.agent]),)
+    following = ("rans view {agent}",)
 
     def run(self) -> int:
         """Print a table of the tracking errors, and write JSON into the agent's folder.

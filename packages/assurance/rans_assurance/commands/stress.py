@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import TYPE_CHECKING
 
 from rans.extend import (
     ConfigError,
     Options,
     Terminal,
-    are_files_trusted,
     command_of,
     word,
 )
@@ -41,10 +39,7 @@ class Stress(Options):
         "rans stress runs/first lqr",
         'rans stress runs/first --only latency "noise of position"',
     )
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return (shlex.join(["rans", "assure", next(iter(self.contestants))]),)
+    following = ("rans assure {contestants}",)
 
     def run(self) -> int:
         """Print the largest tolerated size of each disturbance; 1 if a contestant could not fly on."""
@@ -69,6 +64,3 @@ def _show(report: StressReport) -> None:
         for table in report.section.details:
             if table.title == WORST:
                 console.say(f"The first of the worst episodes: {table.rows[0][-1]}")
-        if not report.is_partial:
-            trust = ["--trust"] if are_files_trusted() else []
-            console.suggest(shlex.join(["rans", "assure", next(iter(stress.contestants)), *trust]))

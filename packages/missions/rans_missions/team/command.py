@@ -137,10 +137,7 @@ class Team(Options):
     group = "Limits"
     guide = "docs/missions/inspect.md"
     examples = ("rans team --deputies 2 --episodes 4",)
-
-    def following(self) -> tuple[str, ...]:
-        """The command that compares a craft alone with its bound."""
-        return ("rans compare circumnavigation:inspect-3d",)
+    following = ("rans compare circumnavigation:inspect-3d",)
 
     def run(self) -> int:
         """Print the table; 1 if a team did not succeed."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from typing import Annotated
 
 from tyro.conf import arg
@@ -30,10 +29,7 @@ class Fly(Options):
     group = "Deploy"
     guide = "docs/robot/robots.md"
     examples = ("rans fly pretrained:go-to-pose-2d --goal 1 0 90deg",)
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`; after a flight `run` suggests others, with the names of its files."""
-        return (shlex.join(["rans", "evaluate", self.agent]),)
+    following = ("rans evaluate {agent}",)
 
     def run(self) -> int:
         """Fly; the exit code is 0, or 1 after a fault or if no state ever came."""

@@ -19,10 +19,7 @@ class Replay(Options):
     group = "Deploy"
     guide = "docs/robot/robots.md"
     examples = ("rans replay runs/flights/first/flight.mcap --trust",)
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list AGENTS",)
+    following = ("rans list AGENTS",)
 
     def run(self) -> int:
         """Print the number of equal commands; the exit code is 0 if all are equal."""

@@ -26,10 +26,7 @@ class Twin(Options):
     group = "Deploy"
     guide = "docs/robot/robots.md"
     examples = ("rans twin floating-platform",)
-
-    def following(self) -> tuple[str, ...]:
-        """See `rans.cli.commands.Command`."""
-        return ("rans list AGENTS",)
+    following = ("rans list AGENTS",)
 
     def run(self) -> int:
         """Simulate until the time is up or an interrupt, and print where it ended; the exit code is 0."""
