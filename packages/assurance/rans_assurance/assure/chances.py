@@ -35,16 +35,19 @@ class Sized(tuple[float, float]):
     """A range with its nominal value, about which it can be widened or narrowed."""
 
     nominal: float
+    name: str
+    """Name of its setting, such as thrusters.latency."""
 
     @classmethod
-    def of(cls, values: Any, nominal: float | None) -> Sized:
-        """Make one from a range and the default of its setting."""
+    def of(cls, values: Any, nominal: float | None, name: str = "") -> Sized:
+        """Make one from a range, and the default and the name of its setting."""
         new = cls(bounds(values))
         new.nominal = new[0] if nominal is None else nominal
+        new.name = name
         return new
 
 
-def sized(conditions: Any) -> Any:
+def sized(conditions: Any, prefix: str = "") -> Any:
     """Conditions whose ranges are `Sized` where they differ from a perfect world's; `_Given` scales only these.
 
     A size of 1 gives the conditions as they are, and 0 a perfect world.
@@ -55,9 +58,9 @@ def sized(conditions: Any) -> Any:
         value = getattr(conditions, condition.name)
         usual = getattr(perfect, condition.name)
         if is_dataclass(value):
-            changed[condition.name] = sized(value)
+            changed[condition.name] = sized(value, f"{prefix}{condition.name}.")
         elif is_range(condition) and value != usual and condition.name not in _UNSIZED:
-            changed[condition.name] = Sized.of(value, usual)
+            changed[condition.name] = Sized.of(value, usual, f"{prefix}{condition.name}")
     return replace(conditions, **changed)
 
 
@@ -69,6 +72,8 @@ class Chosen(Draws):
     """Uniform numbers in [0, 1), (N,) each; one that is missing raises a KeyError."""
     size: Field = None
     """Factor on `Sized` ranges: 1 leaves them as they are, 0 makes all nominal. None: 1."""
+    noted: dict[str, list[Field]] = field(default_factory=dict)
+    """What was drawn from `Sized` ranges so far, with the factor, by the names of their settings."""
 
     def random(self, dimension: Any, number: Field, block: Field = 0) -> Random:
         """See `Draws.random`."""
@@ -95,22 +100,21 @@ class _Given(Random):
         It draws as `Random.within` does, one number or none, so that places of numbers are the same for every size.
         """
         low, high = bounds(values)
-        value = low if low == high else low + (high - low) * self.unit()
-        size = self._draws.size
-        return (
-            value
-            if size is None or not isinstance(values, Sized)
-            else (values.nominal + (value - values.nominal) * size)
-        )
+        return self._sized(low if low == high else low + (high - low) * self.unit(), values)
 
     def whole(self, values: Any) -> Field:
         """Whole number within a range, see `Random.whole`."""
         low, high = bounds(values)
-        value = low if low == high else super().whole(values)
+        return floor(self._sized(low if low == high else super().whole(values), values) + 1e-6)
+
+    def _sized(self, value: Field, values: Any) -> Field:
+        """A number drawn from a range at the size of these draws; of a `Sized` range it is noted."""
         size = self._draws.size
-        return (
-            value if size is None or not isinstance(values, Sized) else floor(value * size + 1e-6)
-        )
+        if size is None or not isinstance(values, Sized):
+            return value
+        result = values.nominal + (value - values.nominal) * size
+        self._draws.noted.setdefault(values.name, []).append(result)
+        return result
 
 
 class _Noted(dict[Slot, Field]):

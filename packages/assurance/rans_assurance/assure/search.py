@@ -6,7 +6,7 @@ It searches in single precision and claims only what float64 flies again.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,7 +16,6 @@ from scipy.special import ndtr
 
 from rans.evaluation.measure.metrics import worst_errors
 from rans.extend import (
-    BodyConditions,
     Conditions,
     ConfigError,
     Controller,
@@ -32,6 +31,7 @@ from rans.extend import (
 from rans.model.random import generator
 from rans_assurance.assure.chances import Chances, Chosen, Sized, sized
 from rans_assurance.assure.replay import Judge, ending, failure_kinds, has_drake, picked
+from rans_assurance.scope import drawn_texts
 
 _LARGEST = 2.0
 """Largest size that is searched."""
@@ -280,67 +280,18 @@ def _draws(chances: Chances, some: list[Candidate]) -> Chosen:
 
 
 def drew(chances: Chances, draws: Chosen) -> dict[str, str]:
-    """What one flight drew, in words by what it concerns, such as "body": only what its conditions let vary."""
-    conditions = chances.setup.conditions
-    craft = chances.setup.craft
-    # The parameters that an engine derives from these draws.
+    """What one flight drew, in words: its start, and every setting that its conditions let vary."""
     world = World(chances.setup)
     start, goal = world.scenario(draws.first * 0, draws)
-    parameters: Any = world.begin(start, goal, draws.first * 0, draws).parameters
-    nominal = Conditions() if conditions is None else conditions
-    parts = {"start": f"{_size(start.p.columns()):.3g} m from the goal"}
-    # Only what the conditions randomize is described.
-    if nominal.body != BodyConditions():
-        ratios = (
-            _one(parameters.body.mass) / craft.mass,
-            _one(parameters.body.inertia[-1]) / craft.inertia[2][2],
-        )
-        parts["body"] = (
-            f"mass {ratios[0]:.3f} and inertia {ratios[1]:.3f} of the designed, centre of mass "
-            f"{100.0 * _size(parameters.body.centre):.2g} cm off"
-        )
-    forces = nominal.thrusters
-    if (forces.thrust, forces.pressure) != (1.0, 1.0):
-        parts["thrust"] = (
-            ", ".join(f"{_one(x):.3f}" for x in parameters.body.gain) + " of the designed"
-        )
-    if parameters.body.mountings:
-        mountings = list(zip(parameters.body.mountings, craft.thrusters, strict=True))
-        angle = max(_angle(true.direction, thruster.direction) for true, thruster in mountings)
-        parts["thrusters"] = f"up to {angle:.2g} degrees off"
-    if parameters.noise is not None:
-        parts["noise of thrusts"] = f"{100.0 * _one(parameters.noise):.2g} %"
-    if parameters.lag is not None:
-        rise = 0.0 if parameters.lag.rise is None else _one(parameters.lag.rise)
-        late = _one(parameters.lag.latency)
-        parts["valves"] = f"{1000.0 * late:.3g} ms late, {1000.0 * rise:.3g} ms to full force"
-    if parameters.push is not None:
-        torque = (
-            parameters.push.torque.columns() if craft.dimension == 3 else (parameters.push.torque,)
-        )
-        parts["steady push"] = (
-            f"{_size(parameters.push.force.columns()):.3g} N, {_size(torque):.3g} N m"
-        )
-    if parameters.sensors is not None and parameters.sensors.noise is not None:
-        units = ("m", "rad", "m/s", "rad/s")
-        parts["noise"] = ", ".join(
-            f"{_one(x):.2g} {unit}" for x, unit in zip(parameters.sensors.noise, units, strict=True)
-        )
-    return parts
-
-
-def _one(x: Any) -> float:
-    return float(np.ravel(x)[0])
-
-
-def _angle(true: Sequence[Any], designed: Sequence[float]) -> float:
-    """Angle between two directions, of which the first may lack z, in degrees."""
-    chord = [_one(x) - y for x, y in zip(true, designed, strict=False)]
-    return math.degrees(2.0 * math.asin(min(1.0, 0.5 * _size(chord))))
+    world.begin(start, goal, draws.first * 0, draws)
+    return {
+        "start": f"{_size(start.p.columns()):.3g} m from the goal",
+        **dict(drawn_texts(chances.setup.conditions or Conditions(), draws.noted)),
+    }
 
 
 def _size(columns: Any) -> float:
-    return math.hypot(*map(_one, columns))
+    return math.hypot(*(float(np.ravel(x)[0]) for x in columns))
 
 
 def on_device(network: Network, device: str) -> Network:

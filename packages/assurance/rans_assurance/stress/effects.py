@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
 from math import radians
 from typing import Any
 
@@ -13,12 +12,7 @@ import numpy as np
 
 from rans.extend import Conditions, ConfigError, Spacecraft, Timing
 from rans.files import distinct
-from rans.randomization.conditions import (
-    FaultConditions,
-    SensorConditions,
-    SensorsConditions,
-    ThrusterConditions,
-)
+from rans.randomization.conditions import FaultConditions, ThrusterConditions
 
 
 @dataclass(frozen=True)
@@ -60,6 +54,16 @@ class Effect:
             yield Level(self.name, size, self.make(size))
 
 
+_QUANTITIES = {
+    "position": ("cm", 0.01),
+    "attitude": ("degrees", radians(1.0)),
+    "velocity": ("cm/s", 0.01),
+    "spin": ("degrees/s", radians(1.0)),
+}
+"""Units of noise that a datasheet has, by the quantity that is read, and what they are in SI units."""
+_PERCENT = 0.01
+
+
 def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     """Every effect that applies to this spacecraft, with the sizes that it can have.
 
@@ -67,13 +71,31 @@ def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     are fractions of those of the strongest thruster (without thrusters: wheel), and least on-times are whole
     control periods.
     """
-    effects = [*_of_body(), *_disturbances(craft), *_readings()]
-    if craft.thrusters:
-        effects = [*_of_valves(craft, timing), *effects]
-    for k, effect in enumerate(effects):
-        sizes = tuple(size for size in effect.sizes if _is_possible(effect.make(size), craft))
-        effects[k] = replace(effect, sizes=sizes)
-    return effects
+    effects = [
+        *(_of_valves(craft, timing.control_period) if craft.thrusters else ()),
+        Effect("more mass", "times", 1.0, (1.25, 1.5, 2.0, 3.0), _only("body.mass")),
+        Effect("less mass", "times", 1.0, (0.8, 0.65, 0.5, 0.35), _only("body.mass")),
+        Effect("more inertia", "times", 1.0, (1.25, 1.5, 2.0, 3.0), _only("body.inertia")),
+        Effect("less inertia", "times", 1.0, (0.8, 0.65, 0.5, 0.35), _only("body.inertia")),
+        Effect("centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), _only("body.centre", 0.01)),
+        *_disturbances(craft),
+        Effect("readings late by", "periods", 0.0, (1.0, 2.0, 3.0), _only("sensors.delay")),
+    ]
+    for quantity, (unit, factor) in _QUANTITIES.items():
+        make = _only(f"sensors.{quantity}.noise", factor)
+        effects.append(Effect(f"noise of {quantity}", unit, 0.0, (1.0, 2.0, 3.0, 5.0), make))
+    missed = {quantity: f"sensors.{quantity}.dropout" for quantity in _QUANTITIES}
+    for what, settings in (*missed.items(), ("all", " ".join(missed.values()))):
+        make = _only(settings, _PERCENT)
+        name = f"missed readings of {what}"
+        effects.append(Effect(name, "%", 0.0, (3.0, 10.0, 30.0, 50.0), make))
+    effects.append(
+        Effect("outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), _only("sensors.outage"))
+    )
+    return [
+        replace(effect, sizes=tuple(x for x in effect.sizes if _is_possible(effect.make(x), craft)))
+        for effect in effects
+    ]
 
 
 def _is_possible(conditions: Conditions, craft: Spacecraft) -> bool:
@@ -85,50 +107,43 @@ def _is_possible(conditions: Conditions, craft: Spacecraft) -> bool:
     return True
 
 
-def _only(part: str, name: str, unit: float = 1.0) -> Callable[[float], Conditions]:
-    """Conditions of a size, in which one setting is the size times its unit and all else is nominal."""
+def _only(settings: str, unit: float = 1.0) -> Callable[[float], Conditions]:
+    """Conditions of a size: settings, by dotted names, are the size times its unit, and the rest is nominal."""
+
+    def changed(part: Any, names: list[str], value: float) -> Any:
+        first, *rest = names
+        inner = changed(getattr(part, first), rest, value) if rest else value
+        return replace(part, **{first: inner})
 
     def conditions(size: float) -> Conditions:
-        perfect = Conditions()
-        return replace(perfect, **{part: replace(getattr(perfect, part), **{name: size * unit})})
+        result = Conditions()
+        for name in settings.split():
+            result = changed(result, name.split("."), size * unit)
+        return result
 
     return conditions
 
 
-def _of_valves(craft: Spacecraft, timing: Timing) -> Iterator[Effect]:
+def _of_valves(craft: Spacecraft, period: float) -> Iterator[Effect]:
     """Effects on valves and thrusts: delays, least times and forces."""
-    yield Effect("latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters", "latency"))
-    yield Effect("rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters", "rise"))
+    yield Effect("latency", "s", 0.0, (0.025, 0.05, 0.1, 0.2, 0.3), _only("thrusters.latency"))
+    yield Effect("rise", "s", 0.0, (0.05, 0.1, 0.2, 0.4), _only("thrusters.rise"))
     # A throttle has no on-time.
     if not craft.actuators.is_continuous:
-        period = timing.control_period
         periods = tuple(round(k * period, 6) for k in (2, 3, 4, 5))
-        make = _only("thrusters", "least_on")
-        yield Effect("least on-time", "s", period, periods, make)
+        yield Effect("least on-time", "s", period, periods, _only("thrusters.least_on"))
     yield Effect("thrust of each off by", "%", 0.0, (10.0, 25.0, 50.0, 75.0), _uneven)
     yield Effect("one thruster weaker by", "%", 0.0, (25.0, 50.0, 75.0, 100.0), _weak)
 
 
 def _uneven(percent: float) -> Conditions:
-    return Conditions(
-        thrusters=ThrusterConditions(thrust=(1.0 - percent / 100.0, 1.0 + percent / 100.0))
-    )
+    part = _PERCENT * percent
+    return Conditions(thrusters=ThrusterConditions(thrust=(1.0 - part, 1.0 + part)))
 
 
 def _weak(percent: float) -> Conditions:
-    return Conditions(
-        faults=FaultConditions(count=1.0, kinds=("weak",), share=1.0 - percent / 100.0)
-    )
-
-
-def _of_body() -> Iterator[Effect]:
-    """Effects on mass and inertia (factors) and on the centre of mass (cm), from the nominal size upwards."""
-    for quantity in ("mass", "inertia"):
-        make = _only("body", quantity)
-        yield Effect(f"more {quantity}", "times", 1.0, (1.25, 1.5, 2.0, 3.0), make)
-        yield Effect(f"less {quantity}", "times", 1.0, (0.8, 0.65, 0.5, 0.35), make)
-    centre = _only("body", "centre", 0.01)
-    yield Effect("centre of mass", "cm", 0.0, (1.0, 2.0, 3.0, 5.0, 8.0), centre)
+    share = 1.0 - _PERCENT * percent
+    return Conditions(faults=FaultConditions(count=1.0, kinds=("weak",), share=share))
 
 
 def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
@@ -147,39 +162,7 @@ def _disturbances(craft: Spacecraft) -> Iterator[Effect]:
             for fraction in (0.1, 0.2, 0.3, 0.5, 0.7)
             if largest > 0.0
         )
-        yield Effect(name, unit, 0.0, sizes, _only("disturbances", name))
-
-
-def _readings() -> Iterator[Effect]:
-    """Effects on the readings: delay, noise, missed readings and outages."""
-    late = _only("sensors", "delay")
-    yield Effect("readings late by", "periods", 0.0, (1.0, 2.0, 3.0), late)
-    # Noise of each quantity, in units that a datasheet has.
-    for quantity, unit, factor in (
-        ("position", "cm", 0.01),
-        ("attitude", "degrees", radians(1.0)),
-        ("velocity", "cm/s", 0.01),
-        ("spin", "degrees/s", radians(1.0)),
-    ):
-        noisy = partial(_noisy, quantity, factor)
-        yield Effect(f"noise of {quantity}", unit, 0.0, (1.0, 2.0, 3.0, 5.0), noisy)
-    for quantity in ("position", "attitude", "velocity", "spin", "all"):
-        missed = partial(_missed, quantity)
-        name = f"missed readings of {quantity}"
-        yield Effect(name, "%", 0.0, (3.0, 10.0, 30.0, 50.0), missed)
-    outage = _only("sensors", "outage")
-    yield Effect("outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), outage)
-
-
-def _noisy(quantity: str, factor: float, size: float) -> Conditions:
-    noise: Any = SensorConditions(noise=factor * size)
-    return Conditions(sensors=SensorsConditions(**{quantity: noise}))
-
-
-def _missed(quantity: str, percent: float) -> Conditions:
-    missed: Any = SensorConditions(dropout=percent / 100.0)
-    which = ("position", "attitude", "velocity", "spin") if quantity == "all" else (quantity,)
-    return Conditions(sensors=SensorsConditions(**dict.fromkeys(which, missed)))
+        yield Effect(name, unit, 0.0, sizes, _only(f"disturbances.{name}"))
 
 
 def failure_levels(craft: Spacecraft) -> list[Level]:
