@@ -14,13 +14,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rans.errors import Late, counted, is_installed
+from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.run import Comparison
 from rans.files import environment, write_json
-from rans.flight import Flight, fly
+from rans.flight import fly
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import margin_charts, plane_chart
 from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
-from rans.show.pages.race import Race, Track, has_place, race
+from rans.show.pages.race import Race, Track, gallery, has_place
 from rans.show.pages.report import comparison_section
 from rans.show.palette import FOUND
 from rans.show.tables import comparison_tables as tables
@@ -211,53 +212,39 @@ _RACERS = 8
 def _race(comparison: Comparison) -> Race | None:
     """The median start of the first contestant and its slowest ones; None for tasks without a place."""
     contest = comparison.contest
-    first = comparison.entries[0]
+    first, *_ = flying = comparison.entries[:_RACERS]
     if not has_place(first.flight):
         return None
-    # The median start among those with a bound, and the slowest of all.
-    certified = comparison.certified_starts()
-    middle = sorted(certified or range(contest.episodes), key=lambda k: first.arrival[k])
-    slowest = sorted(range(contest.episodes), key=lambda k: -first.arrival[k])
-    chosen = dict.fromkeys((middle[(len(middle) - 1) // 2], *slowest[:_GALLERY]))
 
-    def label(k: int) -> str:
-        when = (
-            f"{first.arrival[k]:.1f} s"
-            if np.isfinite(first.arrival[k])
-            else "never within all tolerances"
-        )
-        return f"start {k}: {when}"
+    def tracks(k: int) -> list[Track]:
+        """What flies from start k: contestants, then the quickest controls that certificates found."""
+        own = [Track(entry.name, entry.flight, k, float(entry.arrival[k])) for entry in flying]
+        return [*own, *_quickest(comparison, k)]
 
-    def tracks(k: int) -> Iterator[Track]:
-        """What flies in the replay of start k: contestants, then the best that certificates found."""
-        for entry in comparison.entries[:_RACERS]:
-            yield Track(entry.name, entry.flight, k, float(entry.arrival[k]))
-        # The optimal trajectory is called certified only if its bounds have met.
-        proven = any(
-            bound.start == k
-            and (bound.kind, bound.horizon) == ("arrival", None)
-            and bound.lower is not None
-            and bound.upper <= bound.lower + 1e-9
-            for bound in comparison.certified
+    caption = "The clock is common to all. Untick a name to hide it."
+    if len(comparison.entries) > _RACERS:
+        caption = (
+            f"Of {len(comparison.entries)} contestants the first {_RACERS} fly here. {caption}"
         )
-        for name, flight, episode in _flights(comparison, k):
-            if name == "least time found":
-                called = "certified optimum" if proven else name
-                yield Track(called, flight, episode, float(flight.times[-1]), FOUND)
+    typical = comparison.certified_starts() or range(contest.episodes)
+    what = f"start of {first.name}"
+    return gallery(contest.craft, what, first.arrival, tracks, typical, _GALLERY, caption)
 
-    return race(
-        contest.craft,
-        [(label(k), [*tracks(k)]) for k in chosen],
-        (f"The median start of {first.name}, then its slowest. " if len(chosen) > 1 else "")
-        + (
-            f"Of {len(comparison.entries)} contestants the first {_RACERS} fly here. "
-            if len(comparison.entries) > _RACERS
-            else ""
-        )
-        + "Strips have a row a thruster, filled while it "
-        "is open; the clock is common to all. Untick a name to hide it."
-        + ("" if contest.craft.dimension == 2 else " Drag to turn the view."),
-    )
+
+def _quickest(comparison: Comparison, k: int) -> Iterator[Track]:
+    """The controls of least time that were found from start k; an optimum only if their bounds have met."""
+    contest = comparison.contest
+    for answer in comparison.certified:
+        if answer.start == k and answer.event == Event() and answer.commands is not None:
+            steps = iter(np.array(answer.commands, dtype=float)[:, None])
+            script: Any = SimpleNamespace(
+                name="", reset=lambda _: None, act=lambda *_, left=steps: next(left)
+            )
+            until = replace(contest.timing, episode_steps=len(answer.commands))
+            flight = fly(contest.craft, contest.task, script, contest.start(k), until)
+            proven = answer.lower is not None and answer.upper <= answer.lower + 1e-9
+            name = "certified optimum" if proven else "least time found"
+            yield Track(name, flight, 0, float(flight.times[-1]), FOUND)
 
 
 def _summary(comparison: Comparison) -> Section:
@@ -336,27 +323,6 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     columns = ("question", f"certified bound{median}", f"best found{median}", "proven optimal")
     table = Table(columns, bounds, "The bounds (s and N s)")
     yield Section("Gaps to the certified bounds", text, [multiples, table])
-
-
-def _flights(comparison: Comparison, k: int) -> Iterator[tuple[str, Flight, int]]:
-    """Flights from start number k: those of the contestants, then the best that certificates found."""
-    contest = comparison.contest
-    for entry in comparison.entries:
-        yield entry.name, entry.flight, k
-    last = comparison.horizons()[-1]
-    for answer in comparison.certified:
-        if answer.start == k and answer.commands is not None and answer.horizon in (None, last):
-            name = (
-                "least time found"
-                if answer.horizon is None
-                else f"least thrust by {last:g} s found"
-            )
-            steps = iter(np.array(answer.commands, dtype=float)[:, None])
-            script: Any = SimpleNamespace(
-                name=name, reset=lambda _: None, act=lambda *_, left=steps: next(left)
-            )
-            until = replace(contest.timing, episode_steps=len(answer.commands))
-            yield name, fly(contest.craft, contest.task, script, contest.start(k), until), 0
 
 
 def _differences(comparison: Comparison) -> Iterator[Section]:

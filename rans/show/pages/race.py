@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -54,7 +54,7 @@ def race(
     Args:
         craft: what flies; its thrusters are drawn.
         starts: of each a label, and the flights that begin there.
-        caption: what readers see.
+        caption: what readers see, before how a replay is read.
         plays: whether it plays by itself, again and again.
 
     Returns:
@@ -62,7 +62,10 @@ def race(
         nowhere also velocities (m/s). Numbers have three decimals.
     """
     results = [_start(label, tracks, craft) for label, tracks in starts]
-    return Race(Outline(craft).values(3) | {"starts": results, "plays": plays}, caption)
+    strips = "Strips have a row a thruster, filled while it is open."
+    turns = "Drag to turn the view." if craft.dimension == 3 else ""
+    said = " ".join(filter(None, (caption, strips, turns)))
+    return Race(Outline(craft).values(3) | {"starts": results, "plays": plays}, said)
 
 
 def has_place(flight: Flight) -> bool:
@@ -79,19 +82,42 @@ def median_and_slowest(flight: Flight, name: str) -> Race | None:
         # Missions that are won between two commands are never there at one.
         ends = np.asarray(flight.lengths) * flight.timing.control_period
         times = np.where(np.asarray(flight.done) & np.isinf(times), ends, times)
-    ranking = np.argsort(times, kind="stable")
-    chosen = dict.fromkeys([int(ranking[(len(ranking) - 1) // 2]), *map(int, ranking[:-4:-1])])
 
-    def label(k: int) -> str:
+    def track(k: int) -> list[Track]:
+        return [Track(name, flight, k, float(times[k]))]
+
+    return gallery(flight.craft, f"episode of {name}", times, track, range(len(times)), 3)
+
+
+def gallery(
+    craft: Spacecraft,
+    what: str,
+    times: np.ndarray,
+    tracks: Callable[[int], Sequence[Track]],
+    typical: Collection[int],
+    slow: int,
+    caption: str = "",
+) -> Race:
+    """The median of some starts, then the slowest of all.
+
+    Args:
+        craft: what flies.
+        what: what a start is, and of whom the times are, as in "episode of LQR".
+        times: when its flights are there, (N,) s; infinite: never.
+        tracks: what flies from a start.
+        typical: numbers of the starts whose median is chosen.
+        slow: number of slow starts.
+        caption: what readers see besides.
+    """
+    ranking = [int(k) for k in np.argsort(times, kind="stable")]
+    middle = [k for k in ranking if k in typical]
+    chosen = dict.fromkeys([middle[(len(middle) - 1) // 2], *ranking[: -slow - 1 : -1]])
+    starts = []
+    for k in chosen:
         when = f"{times[k]:.1f} s" if np.isfinite(times[k]) else "never within all tolerances"
-        return f"episode {k}: {when}"
-
-    return race(
-        flight.craft,
-        [(label(k), [Track(name, flight, k, float(times[k]))]) for k in chosen],
-        f"The median episode of {name}, then its slowest. Strips have a row a thruster, filled while it is open."
-        + ("" if flight.craft.dimension == 2 else " Drag to turn the view."),
-    )
+        starts.append((f"{what.split()[0]} {k}: {when}", tracks(k)))
+    first = f"The median {what}, then its slowest." if len(starts) > 1 else ""
+    return race(craft, starts, " ".join(filter(None, (first, caption))))
 
 
 def _start(label: str, tracks: Sequence[Track], craft: Spacecraft) -> dict[str, Any]:

@@ -37,10 +37,7 @@ def _section(group: Sequence[tuple[int, Flight]]) -> Section:
         )
         for k in range(flight.commands.shape[1])
     ]
-    caption = "Strips have a row a thruster, filled while it is open."
-    if flight.craft.dimension == 3:
-        caption += " Drag to turn the view."
-    return Section(flight.craft.name, race=race(flight.craft, starts, caption, plays=True))
+    return Section(flight.craft.name, race=race(flight.craft, starts, plays=True))
 
 
 def _beginnings(flight: Flight) -> tuple[Any, ...]:

@@ -5,6 +5,7 @@ Keys of `to_json` and headings of scores are an interface: campaigns, reports an
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, astuple
@@ -205,43 +206,43 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
     }
 
 
-def dominations(comparison: Comparison) -> list[tuple[str, str]]:
-    """Pairs of contestants of which the first is quicker and cheaper than the second, and always arrives.
+def _signs(comparison: Comparison) -> dict[tuple[str, str], tuple[int, int]]:
+    """Of every two contestants whether the first has surely less time, and less impulse, -1, or more, 1; else 0.
 
     It is so where the 95 % intervals of the differences from the same starts leave no doubt, which takes at least
-    six starts.
+    six starts; there is none of fewer.
     """
     if comparison.contest.episodes < _FEWEST:
-        return []
-    entries = comparison.entries
+        return {}
     bootstrap = Bootstrap(comparison.contest.episodes)
 
-    def surely_less(ours: np.ndarray, theirs: np.ndarray) -> bool:
-        return _sign(bootstrap.difference(ours, theirs)) < 0
+    def sign(ours: np.ndarray, theirs: np.ndarray) -> int:
+        difference = bootstrap.difference(ours, theirs)
+        return int(difference.low > 0.0) - int(difference.high < 0.0)
 
-    return [
-        (one.name, other.name)
-        for other in entries
-        for one in entries
-        if one is not other
-        and np.isfinite(_times(one)).all()
-        and surely_less(one.thrust, other.thrust)
-        and surely_less(_times(one), _times(other))
-    ]
+    return {
+        (one.name, other.name): (
+            sign(_times(one), _times(other)),
+            sign(one.thrust, other.thrust),
+        )
+        for one, other in itertools.permutations(comparison.entries, 2)
+    }
+
+
+def dominations(comparison: Comparison) -> list[tuple[str, str]]:
+    """Pairs of contestants of which the first is surely quicker and cheaper than the second, and always arrives."""
+    reliable = {entry.name for entry in comparison.entries if np.isfinite(_times(entry)).all()}
+    signs = _signs(comparison).items()
+    return [pair for pair, sign in signs if sign == (-1, -1) and pair[0] in reliable]
 
 
 def no_better(comparison: Comparison, agent: str) -> str:
     """Name of a contestant of an agent than which the first one is neither quicker nor cheaper; "" without one."""
-    if comparison.contest.episodes < _FEWEST:
-        return ""
     first, *others = comparison.entries
-    bootstrap = Bootstrap(comparison.contest.episodes)
+    signs = _signs(comparison)
     for one in others:
-        signs = (
-            _sign(bootstrap.difference(_times(first), _times(one))),
-            _sign(bootstrap.difference(first.thrust, one.thrust)),
-        )
-        if agent in one.name and np.isfinite(_times(one)).all() and min(signs) >= 0:
+        is_reliable = np.isfinite(_times(one)).all()
+        if agent in one.name and is_reliable and min(signs.get((first.name, one.name), (-1,))) >= 0:
             return one.name
     return ""
 
@@ -278,12 +279,10 @@ def verdict(comparison: Comparison) -> list[str]:
     relations = []
     if beats[best.name]:
         relations.append(f"quicker and cheaper than {_names(beats[best.name])}")
-    bootstrap = Bootstrap(episodes)
+    signs = _signs(comparison)
     for other in reliable:
-        is_even = _sign(bootstrap.difference(_times(best), _times(other))) == 0
-        is_less = _sign(bootstrap.difference(best.thrust, other.thrust)) < 0
         is_same = other.name.partition("#")[0] == best.name.partition("#")[0]
-        if not is_same and other.name not in beats[best.name] and is_even and is_less:
+        if not is_same and signs[best.name, other.name] == (0, -1):
             ratio = best.thrust.mean() / other.thrust.mean()
             relations.append(f"as quick as {other.name} at {ratio:.2f} of its impulse")
     text = "; ".join(relations) or "nobody is shown to be quicker and cheaper (95 %)"
@@ -315,11 +314,6 @@ def _times(entry: Entry) -> np.ndarray:
 def _names(names: Sequence[str]) -> str:
     *before, last = names
     return f"{', '.join(before)} and {last}" if before else last
-
-
-def _sign(difference: Estimate) -> int:
-    """-1 or 1 if a difference is surely less or more than 0; else 0."""
-    return int(difference.low > 0.0) - int(difference.high < 0.0)
 
 
 def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
