@@ -94,11 +94,9 @@ if TYPE_CHECKING:
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress
     from rans.progress import unseen as unseen
-    from rans.randomization.conditions import BodyConditions as BodyConditions
     from rans.randomization.conditions import Conditions as Conditions
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions_file import conditions_text as conditions_text
-    from rans.registry import are_files_trusted as are_files_trusted
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario
     from rans.scenario import draws as draws

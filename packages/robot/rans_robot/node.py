@@ -27,11 +27,11 @@ from rans.extend import (
     TASKS,
     ConfigError,
     Task,
-    are_files_trusted,
     brief,
     positive,
     structure,
 )
+from rans.registry import are_files_trusted
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion

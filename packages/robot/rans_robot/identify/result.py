@@ -13,7 +13,6 @@ import numpy as np
 
 from rans.extend import (
     Body,
-    BodyConditions,
     Conditions,
     ConfigError,
     Spacecraft,
@@ -24,6 +23,7 @@ from rans.extend import (
 )
 from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import (
+    BodyConditions,
     DisturbanceConditions,
     SensorConditions,
     SensorsConditions,
