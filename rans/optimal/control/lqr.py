@@ -19,7 +19,7 @@ from rans.optimal.control.regulator import (
     Weights,
     mass_share,
 )
-from rans.optimal.trajectory.allocation import inertia, rounding
+from rans.optimal.trajectory.allocation import Rounding, inertia
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
 
@@ -63,7 +63,7 @@ class LQR(ExpectsDead, ModelBased):
         self._inertia = inertia(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, self._task, self._timing, weights)
-        self._rounding = rounding(
+        self._rounding = Rounding(
             craft, self._timing.control_period, self._regulator.carried(craft)
         )
 

@@ -36,7 +36,7 @@ from rans.optimal.control.regulator import (
     Weights,
 )
 from rans.optimal.solver import solution_of
-from rans.optimal.trajectory.allocation import Allocation, rounding
+from rans.optimal.trajectory.allocation import Allocation, Rounding
 from rans.optimal.trajectory.arrival import path_margins
 from rans.optimal.trajectory.guess import rotation_vector
 from rans.scenario import scenario
@@ -131,7 +131,7 @@ class MPC(ExpectsDead, ModelBased):
         self._allocation = Allocation(craft)
         self._identity = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._regulator = Regulator.of(craft, task, timing, weights)
-        self._rounding = rounding(craft, timing.control_period, self._regulator.carried(craft))
+        self._rounding = Rounding(craft, timing.control_period, self._regulator.carried(craft))
         # The quadratic program, of a step of the motion and of the margins of constraints.
         like = scenario(task, craft.dimension, seed=0, episode=0).goal
         step = _step(craft, timing.control_period, like, task.drift)

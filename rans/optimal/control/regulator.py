@@ -327,7 +327,7 @@ class Regulator:
         return holding(self.motion, self.translation.price[0] > 0, state, goal, later)
 
     def carried(self, craft: Spacecraft) -> np.ndarray:
-        """Components of a wrench along which `SigmaDelta` must carry what is owed.
+        """Components of a wrench along which `Rounding` must carry what is owed.
 
         A small thrust that holds a deviation has to add up to a pulse in time. A velocity adds up by itself
         what was not given: carried on as well, it would be given twice. With it the LQR tracks velocities

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class Allocation:
 
     Where no thruster gives a torque (`rans.model.spacecraft.can_turn`), forces alone are met, and the torques
     of wanted wrenches are ignored. Of a craft with reaction wheels, wrenches are those that its wheels leave to
-    the thrusters (`WithWheels`), and torques about axes that no thruster turns are ignored. Where the thrusters
+    the thrusters (`Rounding`), and torques about axes that no thruster turns are ignored. Where the thrusters
     of such a craft cannot do without its wheels, each wheel is a column of torque either way.
 
     Raises:
@@ -240,15 +240,11 @@ def check_effectors(craft: Spacecraft) -> None:
         )
 
 
-def check_thrusters_alone(craft: Spacecraft, who: str) -> None:
-    """Refuse a craft with effectors besides thrusters.
-
-    Args:
-        craft: any.
-        who: what commands thrusters alone, as the subject of a sentence.
+def check_relaxation(craft: Spacecraft) -> None:
+    """Refuse a craft for which optimal control has no equations yet.
 
     Raises:
-        ConfigError: it has reaction wheels, or effectors of another kind.
+        ConfigError: it has effectors besides thrusters, propellant, or throttles that are shut below a least level.
     """
     if craft.acting_effectors or craft.wheels:
         others = (
@@ -257,18 +253,9 @@ def check_thrusters_alone(craft: Spacecraft, who: str) -> None:
             else counted(craft.wheel_count, "reaction wheel")
         )
         raise ConfigError(
-            f"{who} command thrusters alone, but {craft.name!r} has {others}: LQR, switching and MPC fly "
-            "reaction wheels too, and agents fly every kind."
+            f"optimal trajectories command thrusters alone, but {craft.name!r} has {others}: LQR, switching and "
+            "MPC fly reaction wheels too, and agents fly every kind."
         )
-
-
-def check_relaxation(craft: Spacecraft) -> None:
-    """Refuse a craft for which optimal control has no equations yet.
-
-    Raises:
-        ConfigError: it has reaction wheels or propellant, or throttles that are shut below a least level.
-    """
-    check_thrusters_alone(craft, "optimal trajectories")
     check_rigid(craft, "optimal trajectories")
     if craft.propellant is not None:
         raise ConfigError(
@@ -377,218 +364,106 @@ class ThrusterPatterns:
         return pattern
 
 
-class SigmaDelta:
-    """Opens the thrusters that best pay what is owed, and carries the rest to the next period.
+class Rounding:
+    """Turns wanted wrenches into commands that a craft's effectors can follow, period by period.
 
-    Sigma-delta modulation of the wrench as a vector: what rounding gave too much or too little is carried on,
-    so that over any time the impulse is the wanted one to within a few pulses. What is left over is weighed
-    by the kinetic energy it is worth. Carrying it for every thruster by itself (sum-up rounding: Sager, J.
-    Process Control 19, 2009) lets several thrusters turn the spacecraft in the same period without need.
+    On/off thrusters: sigma-delta modulation of the wrench as a vector. Those are opened that best pay what is owed,
+    and what rounding gave too much or too little is carried on, so that over any time the impulse is the wanted one
+    to within a few pulses. What is left over is weighed by the kinetic energy it is worth. Carrying it for every
+    thruster by itself (sum-up rounding: Sager, J. Process Control 19, 2009) lets several thrusters turn the
+    spacecraft in the same period without need.
 
-    The rest is carried on along some components of the wrench, (3 or 6,) bool, by default all, even while all
-    that is wanted is within reach.
-    """
+    Throttled and pulsed thrusters take what the allocation says; what is lost because pulses have whole lengths
+    (`rans.model.actuators.Pulsed`) is carried on, and what exceeds the thrusters' authority is not.
 
-    def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
-        self._patterns = ThrusterPatterns(craft)
-        self._allocation = Allocation(craft)
-        size = craft.degrees_of_freedom
-        metric = np.zeros((size, size))
-        metric[: craft.dimension, : craft.dimension] = np.eye(craft.dimension) / craft.mass
-        metric[craft.dimension :, craft.dimension :] = np.linalg.inv(inertia(craft))
-        self._root = np.linalg.cholesky(metric)
-        self._carried = np.ones(size, bool) if carried is None else carried
-        self.owed = np.zeros((0, size))
-        self.left = self.owed
-        self.kept = np.zeros((0, size), bool)
-
-    def reset(self, count: int) -> None:
-        """Forget what is owed: ``count`` new episodes start."""
-        self.owed = np.zeros((count, self.owed.shape[1]))
-
-    def round(
-        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
-    ) -> np.ndarray:
-        """Open (1.0) or shut (0.0) for every episode.
-
-        Starts with the thrusters of which the allocation asks for half or more, then opens or shuts one
-        or two at a time as long as that brings the impulse closer: see `ThrusterPatterns.best`.
-
-        Of the wrench, (N, 3 or 6), force then torque on B, as much is owed as the thrusters can give; those
-        that rest, (N,) bool, are owed nothing and keep all thrusters shut. Returns (N, thrusters).
-        """
-        rest = np.zeros(len(wrench), bool) if rest is None else rest
-        load = self._allocation.load(wrench)
-        within_reach = wrench / np.maximum(load, 1.0)[:, None]
-        debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
-        first = (self._allocation.commands(debt) >= 0.5) & ~rest[:, None]
-
-        def energy(episodes: np.ndarray, candidates: np.ndarray) -> np.ndarray:
-            left = (debt[episodes][:, None] - self._patterns.wrench(candidates)) @ self._root
-            return (left * left).sum(axis=2)
-
-        pulse = self._patterns.best(first, energy, ~rest)
-        self.kept = self._carried | (load > _SATURATED)[:, None]
-        self.left = debt - self._patterns.wrench(pulse)
-        self.owed = np.where(self.kept, self.left, 0.0)
-        return pulse.astype(float)
-
-
-class Rounding(Protocol):
-    """Turns wanted wrenches into commands that thrusters can follow, period by period."""
-
-    @property
-    def owed(self) -> np.ndarray:
-        """(N, 3 or 6) wrench that each episode is still owed, N and N m."""
-        ...
-
-    @owed.setter
-    def owed(self, owed: np.ndarray) -> None: ...
-
-    def reset(self, count: int) -> None:
-        """Forget what is owed: ``count`` new episodes start."""
-
-    def round(
-        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
-    ) -> np.ndarray:
-        """Commands (N, commands) for wrenches on B, (N, 3 or 6), N and N m; thrusters are shut where episodes rest.
-
-        ``stores`` are those of the states, of which momenta of wheels count.
-        """
-        ...
-
-
-class Proportional:
-    """Allocates a wrench to thrusters that take commands between 0 and 1: throttled or pulsed ones.
-
-    What is lost because pulses have whole lengths (`rans.model.actuators.Pulsed`) is carried to the next
-    period along the components ``carried``, (3 or 6,) bool, by default all; what exceeds the thrusters'
-    authority is not.
-    """
-
-    def __init__(self, craft: Spacecraft, carried: np.ndarray | None = None) -> None:
-        self._craft = craft
-        self._allocation = Allocation(craft)
-        self._wrenches = craft.wrenches
-        self.kept = np.ones(craft.degrees_of_freedom, bool) if carried is None else carried
-        self.owed = np.zeros((0, craft.degrees_of_freedom))
-        self.left = self.owed
-
-    def reset(self, count: int) -> None:
-        """See `Rounding`."""
-        self.owed = np.zeros((count, self.owed.shape[1]))
-
-    def round(
-        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
-    ) -> np.ndarray:
-        """Commands (N, n) for wrenches (N, d); changes what is owed. See `Rounding`.
-
-        One call a period. `left` is what this period lacks, `owed` what the next one is to add.
-        """
-        rest = np.zeros(len(wrench), bool) if rest is None else rest
-        within_reach = wrench / np.maximum(self._allocation.load(wrench), 1.0)[:, None]
-        debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
-        commands = self._allocation.commands(debt)
-        given = np.stack(mean_thrust(self._craft, tuple(commands.T)), axis=1)
-        self.left = debt - given @ self._wrenches
-        self.owed = np.where(self.kept, self.left, 0.0)
-        return commands
-
-
-class WheelsAlone:
-    """Gives torques to the reaction wheels of a craft without thrusters, as far as they can; nothing is owed."""
-
-    def __init__(self, craft: Spacecraft, period: float) -> None:
-        self._wheels = WheelTorques(craft, period)
-        self._turns = slice(craft.dimension, None)
-        self.owed = np.zeros((0, craft.degrees_of_freedom))
-
-    def reset(self, count: int) -> None:
-        """See `Rounding`."""
-        self.owed = np.zeros((count, self.owed.shape[1]))
-
-    def round(
-        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
-    ) -> np.ndarray:
-        """See `Rounding`; wheels never rest."""
-        low, high = self._wheels.bounds(stores, len(wrench))
-        return self._wheels.commands(wrench[:, self._turns], low, high)
-
-
-class WithWheels:
-    """Gives torques to reaction wheels first, which take no impulse, and the rest to the thrusters.
-
-    Wheels take of a torque what `WheelTorques` lets them. The rounding of the thrusters gets the force and the
-    rest. What is left over then, as pulses are too coarse or thrusters cannot push without turning, wheels take as
-    far as they can; the rest is owed. While thrusters rest, wheels go on.
-    """
-
-    def __init__(
-        self, craft: Spacecraft, thrusters: SigmaDelta | Proportional, period: float
-    ) -> None:
-        self._thrusters = thrusters
-        self._wheels = WheelTorques(craft, period)
-        self._turns = slice(craft.dimension, None)
-        """Entries of a wrench that are torques."""
-        basis = thruster_turns(craft)
-        self._turned = basis @ basis.T
-        """Projection onto the torques that thrusters can give."""
-
-    @property
-    def owed(self) -> np.ndarray:
-        """See `Rounding`."""
-        return self._thrusters.owed
-
-    @owed.setter
-    def owed(self, owed: np.ndarray) -> None:
-        self._thrusters.owed = owed
-
-    def reset(self, count: int) -> None:
-        """See `Rounding`."""
-        self._thrusters.reset(count)
-
-    def round(
-        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
-    ) -> np.ndarray:
-        """Commands (N, n) for wrenches (N, d): wheels first, then thrusters, then wheels again. See `Rounding`.
-
-        One call a period, since the rounding of the thrusters within remembers what it owes.
-        """
-        count = len(wrench)
-        rest = np.zeros(count, bool) if rest is None else rest
-        low, high = self._wheels.bounds(stores, count)
-        # Nothing balances the unloading of a wheel while thrusters rest.
-        low = np.where(rest[:, None], np.minimum(low, 0.0), low)
-        high = np.where(rest[:, None], np.maximum(high, 0.0), high)
-
-        torque = wrench[:, self._turns]
-        wheel_torque = self._wheels.commands(torque, low, high) @ self._wheels.map
-        remainder = wrench.copy()
-        remainder[:, self._turns] = (torque - wheel_torque) @ self._turned
-        opened = self._thrusters.round(remainder, rest)
-
-        # Wheels give what they were asked for and what thrusters gave too little of or too much.
-        thrusters = self._thrusters
-        left = np.where(rest[:, None], 0.0, thrusters.left[:, self._turns])
-        wheels = self._wheels.commands(wheel_torque + left, low, high)
-        left = left - (wheels @ self._wheels.map - wheel_torque)
-        debt = np.broadcast_to(thrusters.kept, thrusters.owed.shape)[:, self._turns]
-        thrusters.owed[:, self._turns] = np.where(debt & ~rest[:, None], left, 0.0)
-        return np.hstack([opened, wheels])
-
-
-def rounding(craft: Spacecraft, period: float, carried: np.ndarray | None = None) -> Rounding:
-    """Rounding for the craft's kind of thrusters, and its reaction wheels.
-
-    `SigmaDelta` where thrusters are on or off, else `Proportional`; see these for what is carried.
+    Reaction wheels take of a torque what `WheelTorques` lets them, and thrusters get the force and the rest. What
+    is left over then, as pulses are too coarse or thrusters cannot push without turning, wheels take as far as they
+    can; the rest is owed. While thrusters rest, wheels go on.
 
     Args:
         craft: any.
         period: control period, s.
-        carried: see `SigmaDelta`.
+        carried: components of the wrench, (3 or 6,) bool, along which the rest is carried on even while all that is
+            wanted is within reach; None: all.
     """
-    if not craft.thrusters:
-        return WheelsAlone(craft, period)
-    kind = Proportional if craft.actuators.is_continuous else SigmaDelta
-    thrusters = kind(craft, carried)
-    return WithWheels(craft, thrusters, period) if craft.wheels else thrusters
+
+    def __init__(self, craft: Spacecraft, period: float, carried: np.ndarray | None = None) -> None:
+        self._craft = craft
+        size = craft.degrees_of_freedom
+        self._turns = slice(craft.dimension, None)
+        """Entries of a wrench that are torques."""
+        self._carried = np.ones(size, bool) if carried is None else carried
+        self.owed = np.zeros((0, size))
+        """(N, 3 or 6) wrench that each episode is still owed, N and N m."""
+        self._wheels = WheelTorques(craft, period) if craft.wheels else None
+        basis = thruster_turns(craft)
+        self._turned = basis @ basis.T
+        """Projection onto the torques that thrusters can give."""
+        self._allocation = Allocation(craft) if craft.thrusters else None
+        opens = craft.thrusters and not craft.actuators.is_continuous
+        self._patterns = ThrusterPatterns(craft) if opens else None
+        metric = np.zeros((size, size))
+        metric[: craft.dimension, : craft.dimension] = np.eye(craft.dimension) / craft.mass
+        metric[self._turns, self._turns] = np.linalg.inv(inertia(craft))
+        self._root = np.linalg.cholesky(metric)
+
+    def reset(self, count: int) -> None:
+        """Forget what is owed: ``count`` new episodes start."""
+        self.owed = np.zeros((count, self.owed.shape[1]))
+
+    def round(
+        self, wrench: np.ndarray, rest: np.ndarray | None = None, stores: Sequence[Any] = ()
+    ) -> np.ndarray:
+        """Commands (N, commands) for wrenches on B, (N, 3 or 6), N and N m; changes what is owed.
+
+        Of a wrench as much is owed as the thrusters can give. Episodes that rest, (N,) bool, are owed nothing and
+        keep all thrusters shut. ``stores`` are those of the states, of which momenta of wheels count.
+        """
+        rest = np.zeros(len(wrench), bool) if rest is None else rest
+        if self._wheels is None:
+            commands, left, kept = self._opened(wrench, rest)
+            self.owed = np.where(kept, left, 0.0)
+            return commands
+        low, high = self._wheels.bounds(stores, len(wrench))
+        # Nothing balances the unloading of a wheel while thrusters rest.
+        low = np.where(rest[:, None], np.minimum(low, 0.0), low)
+        high = np.where(rest[:, None], np.maximum(high, 0.0), high)
+        torque = wrench[:, self._turns]
+        wheel_torque = self._wheels.commands(torque, low, high) @ self._wheels.map
+        remainder = wrench.copy()
+        remainder[:, self._turns] = (torque - wheel_torque) @ self._turned
+        commands, left, kept = self._opened(remainder, rest)
+        # Wheels give what they were asked for and what thrusters gave too little of or too much.
+        missing = np.where(rest[:, None], 0.0, left[:, self._turns])
+        wheels = self._wheels.commands(wheel_torque + missing, low, high)
+        missing = missing - (wheels @ self._wheels.map - wheel_torque)
+        left[:, self._turns] = np.where(rest[:, None], 0.0, missing)
+        self.owed = np.where(kept, left, 0.0)
+        return np.hstack([commands, wheels])
+
+    def _opened(
+        self, wrench: np.ndarray, rest: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Commands of the thrusters, the wrench that is left, and which of its components are owed.
+
+        On/off thrusters start with those of which the allocation asks for half or more, then open or shut one
+        or two at a time as long as that brings the impulse closer: see `ThrusterPatterns.best`.
+        """
+        if self._allocation is None:
+            return wrench[:, :0], 0.0 * wrench, np.zeros(wrench.shape, bool)
+        load = self._allocation.load(wrench)
+        within_reach = wrench / np.maximum(load, 1.0)[:, None]
+        debt = np.where(rest[:, None], 0.0, self.owed + within_reach)
+        commands = self._allocation.commands(debt)
+        patterns = self._patterns
+        if patterns is None:
+            given = np.stack(mean_thrust(self._craft, tuple(commands.T)), axis=1)
+            return commands, debt - given @ self._craft.wrenches, self._carried
+
+        def energy(episodes: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+            left = (debt[episodes][:, None] - patterns.wrench(candidates)) @ self._root
+            return (left * left).sum(axis=2)
+
+        pulse = patterns.best((commands >= 0.5) & ~rest[:, None], energy, ~rest)
+        kept = self._carried | (load > _SATURATED)[:, None]
+        return pulse.astype(float), debt - patterns.wrench(pulse), kept

@@ -16,7 +16,7 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import settling_times
 from rans.model.spacecraft import is_steerable
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.allocation import Allocation, rounding
+from rans.optimal.trajectory.allocation import Allocation, Rounding
 from rans.randomization.conditions import Conditions, FaultConditions
 from rans.tasks import GoToPose
 
@@ -73,7 +73,7 @@ def test_wheels_carry_the_torque_of_an_incomplete_layout() -> None:
     craft = replace(whole, thrusters=whole.thrusters[1:])
     assert min(Allocation(craft).authority()) > 0.0
 
-    ours = rounding(craft, 0.5)
+    ours = Rounding(craft, 0.5)
     columns = np.array(craft.wrench_map)
     turns = np.array(craft.wheel_map)
     for axis in range(3):

@@ -17,7 +17,7 @@ from rans.model.actuators import Pulsed, Throttle
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.allocation import Allocation, SigmaDelta, rounding
+from rans.optimal.trajectory.allocation import Allocation, Rounding
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 CRAFTS = [
@@ -98,7 +98,7 @@ def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -
     """
     columns = np.array(craft.wrench_map)
     command = load * np.random.default_rng(seed).uniform(0, 1, (3, len(columns)))
-    modulator = SigmaDelta(craft)
+    modulator = Rounding(craft, 0.2)
     modulator.reset(3)
     pulses = np.stack([modulator.round(command @ columns) for _ in range(200)])
     assert set(np.unique(pulses)) <= {0.0, 1.0}
@@ -109,7 +109,7 @@ def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -
 def test_shared_thrust_opens_pairs_that_do_not_turn() -> None:
     """1 N along a diagonal: two nozzles on opposite sides share it, and their torques cancel."""
     craft = replace(CRAFTS[0], thrust_sharing="split")
-    modulator = SigmaDelta(craft)
+    modulator = Rounding(craft, 0.2)
     modulator.reset(1)
     side = math.sqrt(0.5)
     pulse = modulator.round(np.array([[side, -side, 0.0]]))[0]
@@ -125,7 +125,7 @@ def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: 
     """Measured with the engines' own thrust sharing and kinetic energy, one pattern at a time."""
     craft = replace(craft, thrust_sharing=sharing)  # type: ignore[arg-type]
     wanted = wrenches(craft, 0.3, 5)
-    modulator = SigmaDelta(craft)
+    modulator = Rounding(craft, 0.2)
     modulator.reset(5)
     inertia = np.array(craft.inertia)[-1:, -1:] if craft.dimension == 2 else np.array(craft.inertia)
     reachable = wanted / np.maximum(Allocation(craft).load(wanted), 1.0)[:, None]
@@ -146,7 +146,7 @@ def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: 
 @pytest.mark.parametrize("craft", CRAFTS[:2], ids=lambda craft: craft.name)
 def test_no_two_open_thrusters_cancel(craft: Spacecraft) -> None:
     """Both crafts are made of opposed pairs, so patterns tie; impulse that does nothing must not be spent."""
-    modulator = SigmaDelta(craft)
+    modulator = Rounding(craft, 0.2)
     modulator.reset(64)
     columns = np.array(craft.wrench_map)
     pairs = combinations(range(len(columns)), 2)
@@ -160,7 +160,7 @@ def test_no_two_open_thrusters_cancel(craft: Spacecraft) -> None:
 
 def test_rest_opens_nothing_and_forgets() -> None:
     craft = CRAFTS[0]
-    modulator = SigmaDelta(CRAFTS[0])
+    modulator = Rounding(CRAFTS[0], 0.2)
     modulator.reset(2)
     wanted = np.repeat(0.5 * np.array(craft.wrench_map)[2:3], 2, axis=0)
     modulator.round(wanted)
@@ -171,7 +171,7 @@ def test_rest_opens_nothing_and_forgets() -> None:
 def test_what_is_not_carried_is_forgotten_within_reach_only() -> None:
     """Half a nozzle's thrust opens nothing; more than there is opens in its direction on average."""
     craft = CRAFTS[0]
-    modulator = SigmaDelta(CRAFTS[0], np.zeros(3, bool))
+    modulator = Rounding(CRAFTS[0], 0.2, np.zeros(3, bool))
     modulator.reset(1)
     small = 0.4 * np.array(craft.wrench_map)[2:3]
     assert not any(modulator.round(small).any() for _ in range(20))
@@ -185,7 +185,7 @@ def test_what_saturates_is_carried_whatever_else_is_not() -> None:
     """1.5 times what there is, in a direction that no pattern has: the impulse of all there is, to 2 pulses.
     Forgetting would repeat one pattern and be off by its error a hundred times."""
     craft = CRAFTS[0]
-    modulator = SigmaDelta(CRAFTS[0], np.zeros(3, bool))
+    modulator = Rounding(CRAFTS[0], 0.2, np.zeros(3, bool))
     modulator.reset(1)
     wanted = np.array([[1.0, 0.3, 0.0]])
     wanted *= 1.5 / Allocation(craft).load(wanted)[0]
@@ -213,7 +213,7 @@ def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
 
 def test_throttled_thrusters_give_the_wanted_wrench_and_owe_nothing() -> None:
     craft = replace(CRAFTS[0], actuators=Throttle())
-    proportional = rounding(craft, 0.2)
+    proportional = Rounding(craft, 0.2)
     proportional.reset(3)
     wanted = np.array([[0.3, -0.2, 0.05], [0.0, 0.0, 0.0], [50.0, 0.0, 0.0]])
     for _ in range(3):
@@ -229,7 +229,7 @@ def test_what_pulses_round_off_is_given_later() -> None:
     """Of pulses in tenths of a period, of two at least, a force of 0.05 N needs one in some periods only: its
     mean over 200 periods is off by less than a pulse."""
     craft = replace(CRAFTS[0], actuators=Pulsed(10, 2))
-    pulsed = rounding(craft, 0.2)
+    pulsed = Rounding(craft, 0.2)
     pulsed.reset(1)
     wanted = np.array([[0.05, 0.02, 0.0]])
     total = np.zeros(3)

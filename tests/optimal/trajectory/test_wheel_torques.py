@@ -19,7 +19,7 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.optimal.trajectory.allocation import Allocation, rounding
+from rans.optimal.trajectory.allocation import Allocation, Rounding
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks import GoToPose
@@ -32,7 +32,7 @@ THROTTLED = platform(actuators=Throttle(), wheels=(Wheel((0.0, 0.0, 1.0), 0.1, 0
 
 def split(craft: Spacecraft, wrench: list[float], *momenta: float) -> np.ndarray:
     """Commands of one craft that owes nothing."""
-    ours = rounding(craft, PERIOD)
+    ours = Rounding(craft, PERIOD)
     ours.reset(1)
     return ours.round(np.array([wrench]), stores=tuple(np.array([h]) for h in momenta))[0]
 
@@ -63,7 +63,7 @@ def test_split_by_hand(momentum: float, torque: float, wheel: float) -> None:
 def test_wheels_make_up_for_pulses() -> None:
     """On/off thrusters turn by pulses of 0.31 N m and more; over a second wheel and pulses give 0.15 N m."""
     craft = replace(THROTTLED, actuators=platform().actuators)
-    ours = rounding(craft, PERIOD)
+    ours = Rounding(craft, PERIOD)
     ours.reset(1)
     momentum = np.zeros(1)
     turned = 0.0

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rans.extend import Heading, Quat, Spacecraft, leaves
-from rans.optimal.trajectory.allocation import rounding
+from rans.optimal.trajectory.allocation import Rounding
 
 
 class Tracker:
@@ -24,7 +24,7 @@ class Tracker:
         self._level = Heading(0.0) if craft.dimension == 2 else Quat(1.0, 0.0, 0.0, 0.0)
         self._torques = craft.degrees_of_freedom - craft.dimension
         self._force = craft.mass / period
-        self._rounding = rounding(craft, period, np.zeros(craft.degrees_of_freedom, bool))
+        self._rounding = Rounding(craft, period, np.zeros(craft.degrees_of_freedom, bool))
 
     def reset(self, count: int) -> None:
         """Begin ``count`` new episodes."""
