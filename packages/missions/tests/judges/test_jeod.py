@@ -14,8 +14,6 @@ from rans.model import dynamics
 from rans.model.fields import Quat
 
 SHORT = {
-    "6C": 1440,
-    "6D": 1440,
     "8A": 14400,
     "8B": 14400,
     "9A": 2160,
