@@ -14,16 +14,15 @@ import warnings
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rans.errors import RansWarning, checked, one_line
 from rans.extend import (
     ClohessyWiltshire,
     ConfigError,
     Flight,
-    Task,
     brief,
     counted,
     read_text,
@@ -39,56 +38,6 @@ at a distance of a hundredth of the radius."""
 _MESSAGES = 16
 """Largest number of flights that ``rans evaluate --full`` writes, two files each."""
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
-
-
-class Orbit(NamedTuple):
-    """Circular orbit of a target around the Earth in the frame `FRAME`."""
-
-    mean_motion: float
-    """Mean motion n, rad/s."""
-    inclination: float = 0.0
-    """Inclination, rad."""
-    node: float = 0.0
-    """Right ascension of the ascending node, rad."""
-    latitude: float = 0.0
-    """Argument of latitude at the start of the flight, rad."""
-
-    def axes(self, times: np.ndarray) -> np.ndarray:
-        """Rotation matrices (T, 3, 3) whose columns are the axes of the Hill frame in the inertial one.
-
-        Times are s since the epoch. Every position and velocity that is written or read goes through it.
-        """
-        angle = self.latitude + self.mean_motion * np.asarray(times, dtype=float)
-        c, s = np.cos(self.node), np.sin(self.node)
-        node = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        c, s = np.cos(self.inclination), np.sin(self.inclination)
-        plane = node @ np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
-        axes = np.zeros((len(angle), 3, 3))
-        axes[:, 0, 0] = axes[:, 1, 1] = np.cos(angle)
-        axes[:, 1, 0] = np.sin(angle)
-        axes[:, 0, 1] = -np.sin(angle)
-        axes[:, 2, 2] = 1.0
-        return plane @ axes
-
-    @property
-    def radius(self) -> float:
-        """Radius, m."""
-        return (EARTH / self.mean_motion**2) ** (1.0 / 3.0)
-
-    def inertial(
-        self, times: np.ndarray, p: np.ndarray, v: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Inertial positions and velocities (T, 3) of points of the Hill frame, m and m/s.
-
-        Args:
-            times: (T,) since the start of the flight, s.
-            p: (T, 3) positions in the Hill frame, m.
-            v: (T, 3) velocities relative to it, m/s.
-        """
-        axes = self.axes(times)
-        from_centre = p + np.array([self.radius, 0.0, 0.0])
-        moving = v + np.cross([0.0, 0.0, self.mean_motion], from_centre)
-        return np.einsum("tij,tj->ti", axes, from_centre), np.einsum("tij,tj->ti", axes, moving)
 
 
 @dataclass(frozen=True)
@@ -107,35 +56,18 @@ class OrbitState:
     """Velocity, (3,) m/s."""
 
 
-def is_on_orbit(task: Task, dimension: int) -> bool:
-    """Whether a task is a mission in space near a target on a circular orbit."""
-    return isinstance(task.drift, ClohessyWiltshire) and dimension == 3
-
-
 def write_first_flights(flight: Flight, folder: Path) -> str:
     """Write the first flights of a mission on an orbit; returns what they are, or nothing for other flights."""
-    if not is_on_orbit(flight.task, flight.craft.dimension):
+    if not _is_on_orbit(flight):
         return ""
     for episode in range(min(_MESSAGES, flight.commands.shape[1])):
         write_ccsds(flight, folder, episode)
     return "CCSDS messages"
 
 
-def orbit_of(
-    task: Task, dimension: int, inclination: float = 0.0, node: float = 0.0, latitude: float = 0.0
-) -> Orbit:
-    """Orbit of the target of a task that is flown in so many dimensions, with angles in degrees.
-
-    Raises:
-        ConfigError: the task is not one in space near a target on an orbit.
-    """
-    drift = task.drift
-    if not isinstance(drift, ClohessyWiltshire) or dimension != 3:
-        raise ConfigError(
-            f"CCSDS messages are of missions in space on a circular orbit, such as hold, and "
-            f"{type(task).__name__} is not one."
-        )
-    return Orbit(drift.mean_motion, *map(math.radians, (inclination, node, latitude)))
+def _is_on_orbit(flight: Flight) -> bool:
+    """Whether a flight is in space near a target on a circular orbit."""
+    return isinstance(flight.task.drift, ClohessyWiltshire) and flight.craft.dimension == 3
 
 
 def write_ccsds(
@@ -173,7 +105,12 @@ def write_ccsds(
             be written.
     """
     checked("flight", flight, Flight)
-    orbit = orbit_of(flight.task, flight.craft.dimension, inclination, node, latitude)
+    drift = flight.task.drift
+    if not isinstance(drift, ClohessyWiltshire) or not _is_on_orbit(flight):
+        raise ConfigError(
+            f"CCSDS messages are of missions in space on a circular orbit, such as hold, and "
+            f"{type(flight.task).__name__} is not one."
+        )
     count = flight.commands.shape[1]
     if not 0 <= episode < count:
         raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")
@@ -189,6 +126,13 @@ def write_ccsds(
         )
     instants = [_text(start + timedelta(seconds=float(t))) for t in times]
     target = np.zeros((len(times), 3))
+    # Axes of the Hill frame in the inertial one, its rate and its centre.
+    n = drift.mean_motion
+    angles = np.broadcast_to(np.radians([node, inclination, latitude]), (len(times), 3)).copy()
+    angles[:, 2] += n * times
+    axes = Rotation.from_euler("ZXZ", angles)
+    rate = np.array([0.0, 0.0, n])
+    centre = np.array([np.cbrt(EARTH / n**2), 0.0, 0.0])
     # Ephemerides of craft and target in the inertial frame, km and km/s.
     folder = Path(folder)
     of_craft, of_target = (folder / f"episode-{episode}{end}" for end in (".oem", "-target.oem"))
@@ -196,7 +140,8 @@ def write_ccsds(
         (of_craft, flight.craft.name, (states[:, :3], states[:, 3:])),
         (of_target, f"target of {flight.craft.name}", (target, target)),
     ):
-        p, v = orbit.inertial(times, *motion)
+        p = axes.apply(motion[0] + centre)
+        v = axes.apply(motion[1] + np.cross(rate, motion[0] + centre))
         rows = [
             f"{instant} {' '.join(f'{x:.9f}' for x in 1e-3 * a)} {' '.join(f'{x:.12f}' for x in 1e-3 * b)}"
             for instant, a, b in zip(instants, p, v, strict=True)
@@ -270,7 +215,7 @@ def read_opm(file: str | Path) -> OrbitState:
             f"the speed of {file} must be at most {_FASTEST / 1e3:g} km/s, as of every orbit around the Earth, got "
             f"{speed / 1e3:,.6g} km/s: the usual cause are numbers in m/s, which take [m/s] behind them."
         )
-    if burns := sum(key.startswith("MAN_EPOCH_IGNITION") for key in fields):
+    if burns := text.count("\nMAN_EPOCH_IGNITION"):
         warnings.warn(
             f"{file} has {counted(burns, 'manoeuvre')}, which RANS does not read: the state is that before them.",
             RansWarning,
@@ -308,77 +253,55 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([EeDd][+-]?\d{1,3})?", re.ASCII)
 def _keywords(text: str, file: Path) -> dict[str, str]:
     """Values of an OPM, or of the first segment of an OEM and its first state, by the keywords of an OPM.
 
-    Those of the second manoeuvre and later ones have the line's number behind. Later states of an OEM are read for
-    their instants alone, and its covariances are not read.
-
     Raises:
         ConfigError: a line has no keyword with a value and no state, a keyword stands twice, the version differs,
-            states are not in the order of time from START_TIME on, or the message is of several objects.
+            or the message is of several objects.
     """
     fields: dict[str, str] = {}
     lines = list(enumerate((line.strip() for line in text.splitlines()), 1))
     lines = [(k, line) for k, line in lines if line and not re.match(r"COMMENT\b", line)]
-    of_states = bool(lines) and lines[0][1].startswith("CCSDS_OEM_VERS")
-    kind = "OEM" if of_states else "OPM"
-    if not of_states and not (lines and lines[0][1].startswith("CCSDS_OPM_VERS")):
+    found = re.match("CCSDS_(OPM|OEM)_VERS", lines[0][1]) if lines else None
+    if not found:
         raise ConfigError(
             f"{file} is no Orbit Parameter Message in the keyword notation: it does not begin with "
             "CCSDS_OPM_VERS = ..., and other notations, such as XML, are not read."
         )
+    kind = found[1]
     names = {line.partition("=")[2].strip() for _, line in lines if line.startswith("OBJECT_NAME")}
     if len(names) > 1:
         raise ConfigError(
             f"{file} is of {counted(len(names), 'object')}, {', '.join(map(brief, sorted(names)))}: divide it, "
             "since one start has one."
         )
-    last: datetime | None = None
     for number, line in lines:
-        if of_states and line in ("META_START", "META_STOP", "COVARIANCE_START"):
-            if "EPOCH" in fields:
-                break
-            continue
         key, equals, value = (part.strip() for part in line.partition("="))
-        if of_states and not equals:
-            last = _row(fields, line.split(), last, f"line {number} of {file}")
-            continue
+        if kind == "OEM" and not equals:
+            if line in ("META_START", "META_STOP"):
+                continue
+            # The first state of an ephemeris: nothing behind it is read.
+            parts = line.split()
+            if len(parts) not in (7, 10):
+                raise ConfigError(
+                    f"line {number} of {file} must be an epoch and six numbers, perhaps with three accelerations, "
+                    f"got {brief(line)}."
+                )
+            fields.update(zip(("EPOCH", *_STATE), parts, strict=False))
+            break
         if not equals:
             raise ConfigError(
                 f"line {number} of {file} is no keyword of an {kind} with a value, got {brief(line)}."
             )
         if key in fields and not key.startswith("MAN_"):
             raise ConfigError(f"{key} stands twice in {file}, again in line {number}.")
-        fields[key if key not in fields else f"{key} {number}"] = value
+        fields[key] = value
     version = fields.get(f"CCSDS_{kind}_VERS", "")
     if version not in ("1.0", "2.0", "3.0"):
         raise ConfigError(
             f"CCSDS_{kind}_VERS of {file} must be 1.0, 2.0 or 3.0, got {brief(version)}."
         )
-    if of_states and "EPOCH" not in fields:
+    if kind == "OEM" and "EPOCH" not in fields:
         raise ConfigError(f"{file} is an OEM without a state.")
     return fields
-
-
-def _row(fields: dict[str, str], parts: list[str], last: datetime | None, what: str) -> datetime:
-    """Instant of a state of an OEM; the first one becomes the state of `fields`.
-
-    Raises:
-        ConfigError: it has not seven or ten parts, or is before START_TIME or the state before it.
-    """
-    if len(parts) not in (7, 10):
-        raise ConfigError(
-            f"{what} must be an epoch and six numbers, perhaps with three accelerations, got "
-            f"{brief(' '.join(parts))}."
-        )
-    time = _instant(parts[0], f"the epoch in {what}")
-    earliest, name = last, "the state before it"
-    if last is None:
-        name = "START_TIME"
-        if name in fields:
-            earliest = _instant(fields[name], name)
-        fields.update(zip(("EPOCH", *_STATE), parts, strict=False))
-    if earliest is not None and time < earliest:
-        raise ConfigError(f"{what} must not be earlier than {name}, got {parts[0]}.")
-    return time
 
 
 def _quantity(fields: dict[str, str], key: str, file: Path) -> float:
@@ -459,38 +382,21 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
     return n, axes @ offset, axes @ (craft.v - v - np.cross(rate, offset))
 
 
-_INSTANT = re.compile(
-    r"(\d{4})-(?:(\d{2})-(\d{2})|(\d{3}))T(\d{2}):(\d{2})(?::(\d{2})(?:\.(\d+))?)?Z?", re.ASCII
-)
-"""Year, month and day or day of the year, hour, minute, second and its decimals: CCSDS 301.0-B-4, codes A and B."""
-
-
 def _instant(text: str, what: str) -> datetime:
-    """An instant of UTC to the microsecond; leap seconds, which `datetime` has not, are refused."""
-    match = _INSTANT.fullmatch(text.strip())
-    try:
-        if match is None:
-            raise ValueError
-        year, month, day, of_year, hour, minute, second, decimals = match.groups()
-        date = (
-            datetime(int(year), 1, 1) + timedelta(days=int(of_year) - 1)
-            if of_year
-            else datetime(int(year), int(month), int(day))
-        )
-        if date.year != int(year):
-            raise ValueError
-        micro = int(f"{decimals or 0:0<6}"[:6])
-        return date.replace(
-            hour=int(hour),
-            minute=int(minute),
-            second=int(second or 0),
-            microsecond=micro,
-            tzinfo=UTC,
-        )
-    except (ValueError, OverflowError):
-        raise ConfigError(
-            f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(text)}."
-        ) from None
+    """An instant of UTC to the microsecond, with the month and day or the day of the year.
+
+    Leap seconds, which `datetime` has not, are refused. Source: CCSDS 301.0-B-4, codes A and B.
+    """
+    whole, _, decimals = text.strip().removesuffix("Z").partition(".")
+    for date in ("%Y-%m-%d", "%Y-%j"):
+        for time in ("T%H:%M:%S", "T%H:%M"):
+            try:
+                instant = datetime.strptime(whole, date + time).replace(tzinfo=UTC)
+            except ValueError:
+                continue
+            if whole.startswith(str(instant.year)) and re.fullmatch("[0-9]*", decimals):
+                return instant.replace(microsecond=int(f"{decimals:0<6}"[:6]))
+    raise ConfigError(f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(text)}.")
 
 
 def _text(instant: datetime) -> str:
