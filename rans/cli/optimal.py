@@ -17,7 +17,7 @@ from rans.api.states import read_zones
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
 from rans.errors import ConfigError, require, whole
-from rans.files import distinct, ready_folder, write_json
+from rans.files import distinct, ready_folder
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
 from rans.progress import Progress
@@ -87,6 +87,7 @@ class Optimal(Options):
         from rans.evaluation.compare.bounds import no_certificate
         from rans.evaluation.compare.optima import optima, optima_table, write
         from rans.evaluation.problems import problem_of
+        from rans.optimal.certificate.goal_set import check_certifiable
         from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
@@ -100,7 +101,8 @@ class Optimal(Options):
         if problem is not None and problem.solve is not None:
             return problem.solve(self, craft, task)
         # Objective, starts, limits and initial guesses.
-        self._refuse_unused()
+        if self.start and self.episodes != Optimal.episodes:
+            raise ConfigError("--episodes is for starts of a seed, and --start is one.")
         objective = objective_of(self.objective, self.horizon, _CONTROL_PERIOD, ending, _INTERVALS)
         starts = self.sampled_starts(task, craft)
         limits = self._limits(craft.dimension)
@@ -127,36 +129,42 @@ class Optimal(Options):
             "limits": None if limits is None else asdict(limits),
         }
         if reason:
-            return self._bounds_alone(craft, task, objective, starts, name, about, reason)
+            check_certifiable(craft, wheels=True)
+            Terminal().say(f"Bounds only, without trajectories: {reason}")
         folder = ready_folder(self.output or Path("runs") / name)
-
-        answers = self.with_progress(
-            "optimal trajectories",
-            lambda step: optima(craft, task, objective, starts, None, progress=step, limits=limits),
-        )
-        Terminal().table(
-            optima_table(
-                f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1",
-                objective,
-                answers,
+        answers: list[Optimum] = []
+        if not reason:
+            answers = self.with_progress(
+                "optimal trajectories",
+                lambda step: optima(
+                    craft, task, objective, starts, None, progress=step, limits=limits
+                ),
             )
-        )
+            title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
+            Terminal().table(optima_table(title, objective, answers))
+        bounds: list[Bound] = []
+
+        def write_all() -> None:
+            if self.certify:
+                about["bounds"] = [asdict(bound) for bound in bounds]
+            write(folder, about, answers, craft, starts)
+
         # Before all that takes long and may be interrupted.
-        write(folder, about, answers, craft, starts)
+        write_all()
         flights = [answer.flight for answer in answers if answer.flight is not None]
         if flights:
             replay_page(flights[:_REPLAYED], f"{objective.name}: {self.task}").write(
                 folder / "optimal.html"
             )
         if self.certify:
-            bounds: list[Bound] = []
-
-            def write_bounds() -> None:
-                about["bounds"] = [asdict(bound) for bound in bounds]
-                write(folder, about, answers, craft, starts)
-
-            with writing_at_end(write_bounds):
-                self._add_bounds(bounds, craft, task, objective, starts, answers)
+            # Bounds are for the goal set, so only trajectories that end in it are comparable.
+            is_same = objective.ending == "set" and limits is None
+            costs = [a.trajectory.cost if is_same and a.good else math.nan for a in answers]
+            with writing_at_end(write_all):
+                self._add_bounds(bounds, craft, task, objective, starts, costs)
+        if not answers:
+            Terminal().say(f"Written to {folder / 'optimal.json'}.")
+            return 0
         lost = sum(not answer.good for answer in answers)
         replay = "optimal.html, " if flights else ""
         Terminal().say(
@@ -169,54 +177,14 @@ class Optimal(Options):
             Terminal().say(f"More time than {longer / 2.0:g} s may help: --horizon {longer:g}")
         return 1 if lost else 0
 
-    def _bounds_alone(
-        self,
-        craft: Spacecraft,
-        task: Task,
-        objective: Objective,
-        starts: Scenario,
-        name: str,
-        about: dict[str, Any],
-        reason: str,
-    ) -> int:
-        """Print and write bounds of a craft that optimal control has no equations for, as the reason says.
-
-        ``about`` gets the entry "bounds"; what was bounded before an interrupt is written.
-        """
-        from rans.optimal.certificate.goal_set import check_certifiable
-
-        check_certifiable(craft, wheels=True)
-        folder = ready_folder(self.output or Path("runs") / name)
-        Terminal().say(f"Bounds only, without trajectories: {reason}")
-        bounds: list[Bound] = []
-
-        def write_bounds() -> None:
-            about["bounds"] = [asdict(bound) for bound in bounds]
-            write_json(folder / "optimal.json", about)
-
-        with writing_at_end(write_bounds):
-            self._add_bounds(bounds, craft, task, objective, starts, [])
-        Terminal().say(f"Written to {folder / 'optimal.json'}.")
-        return 0
-
     def _check(self) -> None:
         whole("--episodes", self.episodes)
         if not self.certify_seconds > 0:
             raise ConfigError(f"--certify-seconds must be > 0, got {self.certify_seconds:g}.")
+        if not self.certify and self.certify_seconds != Optimal.certify_seconds:
+            raise ConfigError("--certify-seconds needs --certify.")
         if self.certify and self.objective not in ("fuel", "time"):
             raise ConfigError(f"--certify bounds fuel and time only, not {self.objective}.")
-
-    def _refuse_unused(self) -> None:
-        """Reject (`ConfigError`) options that an ordinary task does not use with the others."""
-        default = {field.name: field.default for field in fields(self)}
-        unused = {}
-        if not self.certify:
-            unused["certify_seconds"] = "needs --certify"
-        if self.start:
-            unused["episodes"] = "is for starts of a seed, and --start is one"
-        for name, reason in unused.items():
-            if getattr(self, name) != default[name]:
-                raise ConfigError(f"--{name.replace('_', '-')} {reason}.")
 
     def refuse_all_but(self, *used: str) -> None:
         """Reject (`ConfigError`) options that differ from their defaults and that this task does not use."""
@@ -242,19 +210,10 @@ class Optimal(Options):
         """Path constraints of the options besides those of the task; None if there are none."""
         from rans.optimal.trajectory.limits import PathLimits
 
-        if not self._is_limited:
-            return None
         limits = named_numbers(self.limits, ("speed", "spin"), "--limits")
-        zones = self.zones
-        return PathLimits(
-            limits.get("speed"),
-            limits.get("spin"),
-            tuple(read_zones(zones, dimension, "--zones")),
-        )
-
-    @property
-    def _is_limited(self) -> bool:
-        return bool(self.limits or self.zones)
+        zones = tuple(read_zones(self.zones, dimension, "--zones"))
+        result = PathLimits(limits.get("speed"), limits.get("spin"), zones)
+        return None if result == PathLimits() else result
 
     def _add_bounds(
         self,
@@ -263,11 +222,12 @@ class Optimal(Options):
         task: Task,
         objective: Objective,
         starts: Scenario,
-        answers: list[Optimum],
+        costs: list[float],
     ) -> None:
         """Add and print bounds of the event of the trajectories, and of settling for the objective time.
 
-        An interrupt leaves those that are finished. Without answers there are no costs to print.
+        An interrupt leaves those that are finished. Costs are those of the trajectories, NaN where these are of
+        another event; none: there are no trajectories.
         """
         from rans.evaluation.compare import bounds
         from rans.optimal.certificate.problem import SearchEffort
@@ -277,34 +237,30 @@ class Optimal(Options):
         period = _CONTROL_PERIOD
         effort = SearchEffort(self.certify_seconds)
         horizon = None if self.objective == "time" else objective.intervals * period
-        # Bounds are for the goal set, so only trajectories that end in it are comparable.
-        same = objective.ending == "set" and not self._is_limited
         every_start = [*each(starts)]
-        costs = [a.trajectory.cost if same and a.good else math.nan for a in answers]
-        costs = costs or [math.nan] * len(every_start)
-        # Bounds of the trajectories' own event, and for the objective time also of settling.
-        events = {bounds.Event(horizon=horizon): (objective.measure, costs)}
+        unknown = [math.nan] * len(every_start)
+        events = {bounds.Event(horizon=horizon): (objective.measure, costs or unknown)}
         if horizon is None:  # the trajectories arrive, which is another event
-            events[bounds.Event("settling")] = "time s to settle", [math.nan] * len(costs)
+            events[bounds.Event("settling")] = "time s to settle", unknown
         sentence = bounds.without_certificate(craft, aims(task), period) or bounds.CERTIFIED
         for event, (measure, upper) in events.items():
             questions = [
                 bounds.question(craft, task, period, event, effort, start) for start in every_start
             ]
             title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
-            answers_by_number: dict[int, Bound] = {}
+            found: list[tuple[int, Bound]] = []
             try:
                 with progress() as bars:
                     step = stages(bars)("bounds", len(questions))
-                    answers_by_number.update(
-                        bounds.bounds_in_parallel(questions, range(len(questions)), progress=step)
-                    )
+                    numbers = range(len(questions))
+                    found.extend(bounds.bounds_in_parallel(questions, numbers, progress=step))
             finally:
-                sorted_answers = [answers_by_number[number] for number in sorted(answers_by_number)]
-                every.extend(sorted_answers)
-                if sorted_answers:
-                    costs = [upper[number] for number in sorted(answers_by_number)]
-                    Terminal().table(bounds.bounds_table(title, measure, sorted_answers, costs))
+                found.sort(key=lambda answer: answer[0])
+                answers = [answer for _, answer in found]
+                every += answers
+                if found:
+                    own = [upper[number] for number, _ in found]
+                    Terminal().table(bounds.bounds_table(title, measure, answers, own))
 
     def with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         """Do work that reports starts, with a bar of this title."""

@@ -269,7 +269,7 @@ def write(
     craft: Spacecraft,
     starts: Scenario,
 ) -> None:
-    """Write optimal.json, the answers, and the trajectories as optimal.npz and optimal.csv.
+    """Write optimal.json, the answers, and the trajectories, if there are some, as optimal.npz and optimal.csv.
 
     The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names, ``commands``
     (N, T, thrusters), ``control_period`` (N,), ``costates`` (N, T, leaves) and ``command_multipliers`` (N, T,
@@ -283,7 +283,10 @@ def write(
         ConfigError: a file cannot be written.
     """
     paths = [answer.trajectory for answer in answers]
-    # NaN for starts without a solution.
+    rows = {"starts": [answer.to_json() for answer in answers]} if answers else {}
+    write_json(folder / "optimal.json", {**about, "environment": environment(), **rows})
+    if not answers:
+        return
     # Rows of trajectories that were not solved are NaN.
     solved = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
     save_arrays(
@@ -301,10 +304,6 @@ def write(
     )
     write_text(folder / "spacecraft.toml", to_toml(craft))
     write_text(folder / "optimal.csv", _csv(answers))
-    write_json(
-        folder / "optimal.json",
-        {**about, "environment": environment(), "starts": [answer.to_json() for answer in answers]},
-    )
 
 
 def _names(states: Any) -> list[str]:
