@@ -40,8 +40,11 @@ def test_python_flies_the_conditions_that_it_names() -> None:
     own = rans.assure("go-to-pose-2d", conditions=rans.load_conditions("lab"), episodes=64)
     assert named.campaign.failures == own.campaign.failures
     assert main(f"{LAB} --episodes 64 --output here".split()) == 0
-    bounds = json.loads(Path("here/assurance-lab.json").read_text("utf-8"))["bounds"]
-    assert bounds["any"]["failures"] == named.campaign.bound().events > 0
+    read = json.loads(Path("here/assurance-lab.json").read_text("utf-8"))
+    assert read["bounds"]["any"]["failures"] == named.campaign.bound().events > 0
+    # What was asked is stated by its content, also where it has a name.
+    assert "position within 5 cm" in read["scope"]["sentence"]
+    assert ["conditions", "factor on the mass: 0.75 to 1.25"] in read["scope"]["rows"]
 
 
 @pytest.mark.slow

@@ -83,6 +83,8 @@ def test_interrupted_it_writes_what_was_flown(
     assert main(f"stress lqr:go-to-pose-2d {QUICK} --output here".split()) == 130
     read = json.loads(Path("here/stress.json").read_text())
     assert read["is_partial"] is True
+    assert "position within 5 cm" in str(read["scope"]["rows"])
+    assert ["scenario perfect", "nominal conditions"] in read["scope"]["rows"]
     flown = [name for name, one in read["conditions"].items() if one["contestants"]]
     assert flown == ["perfect", "latency-0.025"]
     assert read["effects"]["latency"]["holds_to"] == {"LQR": None}

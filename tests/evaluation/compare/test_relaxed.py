@@ -33,10 +33,6 @@ def test_scores_of_what_was_flown() -> None:
     assert one.replay_error == pytest.approx(answer.replay_error, abs=1e-12)
     first = next(each(CONTEST.starts))
     flight = episode(CONTEST.craft, CONTEST.task, CONTEST.timing, first, answer.trajectory)
-    assert flight.commands.shape == (40, 1, 8)
-    assert flight.timing == Timing(0.2, episode_steps=40)
-    assert (flight.commands[30:] == 0).all()
-    np.testing.assert_allclose(flight.commands[:30, 0], answer.trajectory.commands)
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[:, 0]
     assert one.settling == pytest.approx(0.2 * (np.flatnonzero(~inside)[-1] + 1))
     assert one.total == pytest.approx(sum(float(term.sum()) for term in flight.rewards().values()))

@@ -13,12 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rans_assurance.assure.assurance import Assurance
-from rans_assurance.assure.bounds import plan
-from rans_assurance.assure.campaign import Campaign
-from rans_assurance.stress.effects import Level
-from rans_assurance.stress.outcome import StressOutcome
-from rans_assurance.stress.report import StressReport
 
 import rans
 from rans.api.pages import flyers
@@ -39,7 +33,7 @@ from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, HOSTILE_NAME, live, ran
 from tests.support.evaluation_flights import two_episodes
-from tests.support.stress_runs import small
+from tests.support.run_files import contents
 from tests.support.training_rows import ROWS
 
 pytestmark = [
@@ -65,81 +59,6 @@ def flight() -> Flight:
     return replace(flown, controller=HOSTILE, craft=replace(flown.craft, name=HOSTILE_NAME))
 
 
-BOUND = {"failures": 17, "flights": 2000, "rate": 0.01, "at least": 0.004, "at most": 0.015}
-
-
-def run_folder() -> dict[str, Any]:
-    """Contents of a run folder's files as RANS writes them, with harmless texts."""
-    summary = {"contestant": "agent", "starts": 1, "flown": 1, "solved": 1, "kind": "agent"}
-    check = {
-        "name": "force",
-        "value": 1e-16,
-        "tolerance": 1e-12,
-        "unit": "N",
-        "reason": "Rounding.",
-    }
-    held = {"held": {"value": 0.5, "low": 0.1, "high": 0.9}}
-    return {
-        "config.json": {
-            "seed": 3,
-            "task": {"name": "go-to-pose"},
-            "conditions": {"description": "a laboratory"},
-            "about": {
-                "command": "rans train",
-                "environment": {"rans": "0.1", "gpu": {"name": "none"}},
-            },
-        },
-        "validation.json": {
-            "title": "Dynamics",
-            "checks": [check | {"passed": True}],
-            "skipped": [{"name": "kernel", "reason": "No compiler."}],
-        },
-        "evaluation.json": {
-            "conditions": {"contestant": "agent"},
-            "agent": measure(two_episodes()).to_json(),
-        },
-        "compare.json": {
-            "hero": "A settles.",
-            "tiles": [{"label": "solved", "value": "1 %", "note": "of 2"}],
-            "title": "1 start",
-            "failures": ["none came"],
-            "summary": [summary],
-        },
-        "stress.json": {
-            "title": "agent",
-            "failures": [],
-            "notes": ["a note"],
-            "conditions": {"lab": {"size": None, "contestants": {"agent": held}}},
-            "effects": {"latency": {"unit": "s", "holds_to": {"agent": 0.1}}},
-        },
-        "assurance-lab.json": {
-            "about": {
-                "agent": "agent",
-                "confidence": 0.99,
-                "below": None,
-                "looks": [[2000, 0.01, 0.01]],
-            },
-            "decision": "open",
-            "command": "rans assure agent",
-            "bounds": {"any": BOUND, "LEFT": BOUND},
-        },
-        "sweep.json": {
-            "best": 0,
-            "members": [
-                {
-                    "member": 0,
-                    "seed": 0,
-                    "diverged": False,
-                    "solved": True,
-                    "steps": 1000,
-                    "success": 1.0,
-                    "rate": "1e-3",
-                }
-            ],
-        },
-    }
-
-
 UNSEEN = {"assurance-lab.json"}
 """Files of which a page says no text as it stands, but numbers, and words of its own."""
 MANY_TEXTS = {"config.json": 1, "evaluation.json": 9, "stress.json": 1}
@@ -159,9 +78,9 @@ def planted(value: Any) -> Iterator[Any]:
             yield from (value | {key: other} for other in planted(inner))
 
 
-def written(folder: Path, contents: dict[str, Any]) -> None:
+def written(folder: Path, files: dict[str, Any]) -> None:
     folder.mkdir(exist_ok=True)
-    for name, content in contents.items():
+    for name, content in files.items():
         write_json(folder / name, content)
     (folder / "metrics.jsonl").write_text("\n".join(map(json.dumps, ROWS)))
 
@@ -170,14 +89,14 @@ def written(folder: Path, contents: dict[str, Any]) -> None:
     "name",
     [
         pytest.param(name, marks=[pytest.mark.slow] * (name in MANY_TEXTS))
-        for name in sorted(run_folder())
+        for name in sorted(contents())
     ],
 )
 def test_a_report_of_a_stranger_is_text(name: str, tmp_path: Path) -> None:
     """Every text and every key of every file in turn: a page in which it is a text, or a sentence."""
     written(tmp_path, {})
     shown = 0
-    for content in islice(planted(run_folder()[name]), None, None, MANY_TEXTS.get(name, 1)):
+    for content in islice(planted(contents()[name]), None, None, MANY_TEXTS.get(name, 1)):
         write_json(tmp_path / name, content)
         try:
             html = report_from_run(tmp_path).html()
@@ -221,36 +140,17 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
         notes=[HOSTILE],
     )
     (flyer,) = flyers((f"any-craft-2d@{file}",), None, False)
-    campaign = Campaign(plan(0.99, 2000, None), 1, flights=2000)
-    assurance = Assurance(
-        f"any-craft-2d@{file}",
-        HOSTILE,
-        campaign,
-        command=HOSTILE,
-        environment={HOSTILE: HOSTILE},
-        given=flyer.under(conditions),
-    )
     folder = folder / "<img src=hostile onerror=hostile()>"
-    written(folder, run_folder())
+    written(folder, contents())
     (folder / "spacecraft.toml").write_text(file.read_text("utf-8"), "utf-8")
     table = Table((HOSTILE, "n"), [(HOSTILE, 1.0)], HOSTILE, colours={HOSTILE: "red"})
     section = Section(HOSTILE, 9 * HOSTILE, [table], [], [Finding(HOSTILE)], link="x.html")
-
-    stress = small("lqr:go-to-pose-2d", episodes=2)
-    ((spec, contestant),) = stress.contestants.items()
-    stress.contestants = {spec: replace(contestant, name=HOSTILE, knows=HOSTILE, tuning=HOSTILE)}
-    stress.named = [Level(HOSTILE, None, conditions)]
-    stress.outcomes = {
-        (level.name, HOSTILE): StressOutcome.of(two_episodes()) for level in stress.levels
-    }
 
     return {
         "playground": playground(flyer).html,
         "replay": replay_page([flight()], HOSTILE).html,
         "evaluation": evaluation_page([measure(flight())], flight(), HOSTILE).html,
         "comparison": comparison_page(comparison, HOSTILE).html,
-        "assurance": Page(HOSTILE, [assurance.section]).html,
-        "stress": Page(HOSTILE, [StressReport(stress, folder, 1, HOSTILE).section]).html,
         "report": report_from_run(folder).html,
         "page": Page(
             HOSTILE, [section], {HOSTILE: HOSTILE}, HOSTILE, HOSTILE, [Tile(*[HOSTILE] * 3)]
