@@ -219,19 +219,6 @@ def test_a_missing_package_proves_nothing(monkeypatch: pytest.MonkeyPatch) -> No
             list(bounds_in_parallel([one_start(horizon=horizon)], [0], 1))
 
 
-def test_what_is_looked_for_is_what_was_asked() -> None:
-    """Least time in s, least impulse in N s; by which the commands found are judged."""
-    [(_, timed)] = bounds_in_parallel([one_start()], [3], 1)
-    [(_, fuelled)] = bounds_in_parallel([one_start(horizon=6.0)], [4], 1)
-    assert (timed.start, timed.horizon, fuelled.start, fuelled.horizon) == (3, None, 4, 6.0)
-    assert timed.commands is not None
-    assert fuelled.commands is not None
-    assert len(timed.commands) * 0.2 == pytest.approx(timed.upper)
-    assert len(fuelled.commands) == 30
-    assert 0.2 * sum(map(sum, fuelled.commands)) == pytest.approx(fuelled.upper)
-    assert (timed.unit, fuelled.unit) == (0.2, 0.2)
-
-
 def test_goal_set_of_a_task() -> None:
     """Tolerances of the task, rest (5 cm/s, 5 degrees/s) beside a place, nothing for what is left open."""
     degrees = math.radians(5.0)
