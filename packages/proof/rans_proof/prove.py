@@ -19,7 +19,7 @@ from rans_proof.motion import TaylorPlant
 from rans_proof.network import Layer
 from rans_proof.plants import LinearPlant, Piece, Plant
 from rans_proof.problem import Distances, HalfSpaces, Problem
-from rans_proof.relaxation import Planes, Zonotope, enclose
+from rans_proof.relaxation import Planes, Zonotope, enclose, layer_tensors
 
 _DIRECTIONS = 64
 """Directions of a speed: their polygon is outside the circle by a factor of 1 / cos(pi / 64), 0.12 %."""
@@ -243,38 +243,28 @@ class ClosedLoop:
     def __init__(self, problem: Problem, layers: Sequence[Layer], device: torch.device) -> None:
         self.problem = problem
         self.device = device
+        self._layers = layer_tensors(layers, device)
         inputs = problem.network_inputs()
-        if inputs is not None:  # they are a part of the first layer
-            first = layers[0]
-            bias = first.weight @ inputs[1] + first.bias
-            rounding = first.rounding
-            if rounding is not None:
-                sizes = [np.abs(part) for part in inputs]
-                of_bias = rounding.weight @ sizes[1] + rounding.bias
-                # What the network takes, by the largest state: the sums of each row and its constant, 1 at least.
-                taken = max(1.0, float(sizes[0].sum(axis=1).max()))
-                factor, constant = rounding.growth
-                constant += factor * max(1.0, float(sizes[1].max()))
-                rounding = rounding._replace(
-                    weight=rounding.weight @ sizes[0],
-                    bias=of_bias,
-                    growth=(factor * taken, constant),
-                )
-            joined = Layer(first.weight @ inputs[0], bias, first.activation, rounding)
-            layers = [joined, *layers[1:]]
-        self._layers = [self._on_device(layer) for layer in layers]
+        self._inputs = None if inputs is None else [self._tensor(part) for part in inputs]
         plant = TaylorPlant if problem.linear() is None else LinearPlant
         self._plant: Plant = plant(problem, device)
         angles = 2.0 * torch.pi * torch.arange(_DIRECTIONS, dtype=torch.float64) / _DIRECTIONS
         self._round = torch.stack((angles.cos(), angles.sin()), 1).to(device)
 
-    def _on_device(self, layer: Layer) -> Layer:
-        """A layer in double tensors on the device."""
-        weight, bias, activation, rounding = layer
-        if rounding is not None:
-            weights = self._tensor(rounding.weight)
-            rounding = rounding._replace(weight=weights, bias=self._tensor(rounding.bias))
-        return Layer(self._tensor(weight), self._tensor(bias), activation, rounding)
+    def _commands(self, states: Zonotope) -> Planes:
+        """Planes around the commands of sets of states, by what the network takes of them."""
+        if self._inputs is None:
+            return enclose(self._layers, states)
+        table, shift = self._inputs
+        sums = states.size @ table.abs().T + shift.abs()
+        taken = Zonotope(
+            states.centre @ table.T + shift,
+            table @ torch.cat((states.generators, torch.diag_embed(states.box)), dim=2),
+            2.0**-50 * (states.centre.shape[1] + 4) * sums,
+        )
+        gain, offset, error = enclose(self._layers, taken)
+        rounding = 2.0**-50 * len(table) * (gain.abs() @ sums[:, :, None])[:, :, 0]
+        return Planes(gain @ table, gain @ shift + offset, error + rounding)
 
     def _tensor(self, array: Any) -> Tensor:
         return torch.tensor(array, dtype=torch.float64, device=self.device)
@@ -299,7 +289,7 @@ class ClosedLoop:
         earliest = self.problem.earliest or self.problem.steps
         cells = torch.arange(len(margins), device=self.device)
         for number in range(self.problem.steps):
-            planes = enclose(self._layers, states)
+            planes = self._commands(states)
             # Lost cells would need ever shorter steps; so would those whose network may give no number.
             holds = (least > 0.0) & states.size.isfinite().all(dim=1)
             holds &= planes.error.isfinite().all(dim=1)
@@ -321,6 +311,7 @@ class ClosedLoop:
             states = reduced(states)
         margins[cells] = least if end is None else torch.minimum(least, at_end)
         first = self._layers[0].weight
+        first = first if self._inputs is None else first @ self._inputs[0]
         worth = radius * torch.linalg.vector_norm(first, dim=0)
         return margins.nan_to_num(-torch.inf).cpu().numpy(), worth.cpu().numpy()
 

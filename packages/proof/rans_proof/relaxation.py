@@ -10,17 +10,67 @@ double precision errs by at most N u / (1 - N u) times the sum of their absolute
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-
-from rans_proof.network import Layer, Rounding
 
 _UNIT = 2.0**-53
 """Unit roundoff of double precision."""
 _ULPS = 8.0
 """Errors of tanh, in units in the last place; of libraries in use they are below 2, in single precision below 5."""
+
+
+class Rounding(NamedTuple):
+    """Sizes of the terms of a layer's sums, as a machine rounds them one operation after the other."""
+
+    weight: Any
+    """(outputs, inputs) sums of absolute products along the joined operations; an array, or a tensor."""
+    bias: Any
+    """(outputs,)."""
+    times: int
+    """Roundings of a term at most."""
+    unit: float
+    """Unit roundoff of the file's precision."""
+    growth: tuple[float, float]
+    """Factor and constant of a bound of all partial sums by the largest number that the layer takes, 1 at least."""
+    largest: float
+    """Largest bound of a partial sum that surely is a number of the file's precision."""
+
+    @property
+    def part(self) -> float:
+        """Error of a sum at most, a part of the size of its terms, in any order of summation.
+
+        Higham, "Accuracy and stability of numerical algorithms", 3.1.
+        """
+        return self.times * self.unit / (1.0 - self.times * self.unit)
+
+
+class Layer(NamedTuple):
+    """Layer y = activation(weight x + bias)."""
+
+    weight: Any
+    """(outputs, inputs), an array, or a tensor where sets of states go through it."""
+    bias: Any
+    """(outputs,)."""
+    activation: str
+    """ "tanh", "sigmoid", "relu" or "" for none."""
+    rounding: Rounding | None = None
+    """None: computed exactly."""
+
+
+def layer_tensors(layers: Sequence[Layer], device: torch.device) -> list[Layer]:
+    """Layers of arrays as layers of double tensors on a device."""
+
+    def tensor(array: Any) -> Tensor:
+        return torch.tensor(array, dtype=torch.float64, device=device)
+
+    result = []
+    for weight, bias, activation, machine in layers:
+        if machine is not None:
+            machine = machine._replace(weight=tensor(machine.weight), bias=tensor(machine.bias))
+        result.append(Layer(tensor(weight), tensor(bias), activation, machine))
+    return result
 
 
 class Zonotope(NamedTuple):
