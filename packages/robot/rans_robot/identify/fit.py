@@ -13,8 +13,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
 from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench
 from rans_robot.frames import quaternion_products, small_turns
@@ -62,6 +64,10 @@ _FIRST_LATENCIES = (0.02, 0.1, 0.25)
 """s: where the fit begins; the cost has one minimum within a pulse of the right latency."""
 _COARSE = 0.05
 """s: longest step for derivatives, whose errors only direct the steps of the fit."""
+_FARTHEST = 20.0
+"""Standard deviations of the prior beyond which no value is sought."""
+_APART = 60.0
+"""s between two logs on one axis of time, in which every force has died away."""
 _DIFFERENCE = 1e-4
 """Step of finite differences, in standard deviations of the prior."""
 
@@ -93,10 +99,10 @@ class Fit:
     """(P, P), of the posterior."""
     noise: dict[str, float]
     """Standard deviation of the readings' errors, in m, rad, m/s and rad/s, of what was measured."""
-    residuals: tuple[np.ndarray, ...]
-    """Readings minus prediction of each log, (M, 6 or 12); in space the attitude's is a rotation vector."""
-    nominal_residuals: tuple[np.ndarray, ...]
-    """Readings minus the prediction of the data sheet, of each log, from the same starts of windows."""
+    residuals: np.ndarray
+    """Readings of all logs minus prediction, (M, 6 or 12); in space the attitude's is a rotation vector."""
+    nominal_residuals: np.ndarray
+    """Readings minus the prediction of the data sheet from the same starts of windows."""
     logs: tuple[FlightLog, ...]
     window: float
     """Length of the windows, s."""
@@ -118,10 +124,8 @@ class Fit:
 
         Intervals are widened by it, and a channel may fail by it (`Identification.channels`).
         """
-        columns = channel_columns(self.craft)[channel]
-        rows = [part[:, columns] for part in self.residuals]
-        pairs = [(part[:-1].ravel(), part[1:].ravel()) for part in rows]
-        first, second = (np.concatenate(parts) for parts in zip(*pairs, strict=True))
+        rows = self.residuals[:, channel_columns(self.craft)[channel]]
+        first, second = rows[:-1], rows[1:]
         both = np.isfinite(first) & np.isfinite(second)
         power = float(np.mean(first[both] ** 2)) if both.any() else 0.0
         value = float(np.mean(first[both] * second[both]) / power) if power > 0.0 else 0.0
@@ -179,142 +183,24 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
 
 def physics_of(craft: Spacecraft, values: np.ndarray) -> Physics:
     """Physics of K sets of values (K, P) in the order of `parameters_of`."""
-    columns = iter(values.T)
-    count = craft.thruster_count
-    gain = tuple(next(columns) / thruster.force for thruster in craft.thrusters)
-    inertia = tuple(next(columns) for _ in range(1 if craft.dimension == 2 else 6))
-    centre = tuple(next(columns) for _ in range(craft.dimension))
-    force = [next(columns) for _ in range(craft.dimension)]
-    if craft.dimension == 2:
-        push = Wrench(Vec2(*force), next(columns))
-    else:
-        push = Wrench(Vec3(*force), Vec3(*(next(columns) for _ in range(3))))
-    body = Body(craft.mass, inertia, centre, gain, (0.0,) * count)
-    latency = next(columns)
-    rise = next(columns)
-    return Physics(body, push, latency, rise)
+    d = craft.dimension
+    turns = 1 if d == 2 else 3
+    sizes = (craft.thruster_count, 1 if d == 2 else 6, d, d, turns, 1, 1)
+    forces, inertia, centre, push, torque, *delays = np.split(values, np.cumsum(sizes)[:-1], axis=1)
+    gain = forces / [thruster.force for thruster in craft.thrusters]
+    vector = Vec2 if d == 2 else Vec3
+    return Physics(gain, inertia, centre, Wrench(vector(*push.T), torque), *delays)
 
 
-class _Problem:
-    """Residuals of logs as a function of parameters and the windows' starts, in SI units, groups in order."""
-
-    def __init__(self, craft: Spacecraft, logs: Sequence[FlightLog], window: float) -> None:
-        self.craft = craft
-        self.parameters = parameters_of(craft)
-        self.planar = craft.dimension == 2
-        self.width = 6 if self.planar else 12
-        """Entries of a residual, and of the change of a start."""
-        self.groups: list[_Group] = []
-        for number, log in enumerate(logs):
-            windows = windows_of(log, window)
-            thrusts = Thrust.of(craft, log)
-            for length in sorted({part.stop - part.start for part in windows}):
-                alike = [part for part in windows if part.stop - part.start == length]
-                self.groups.append(_Group(number, log, thrusts, alike))
-
-    def paths(self, group: _Group, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        """Predicted states (W, M, columns) of the W windows of a group, for values (P,) and starts (W, columns)."""
-        physics = physics_of(self.craft, np.repeat(values[None], len(starts), axis=0))
-        return predicted(self.craft, group.thrusts, physics, starts, group.begin, group.times)
-
-    def sensitivities(self, group: _Group, values: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """Derivatives (W, M, width, P + width) of a group's states by values, in units of prior, and by starts.
-
-        They are finite differences over pieces of about `_SHORT`, all at once, and the chain rule from piece to
-        piece: the derivatives of a long window cost what those of short ones do.
-        """
-        prior = np.array([parameter.prior for parameter in self.parameters])
-        count = len(prior)
-        windows, readings = group.times.shape
-        chain = np.zeros((windows, readings, self.width, count + self.width))
-        chain[:, 0, :, count:] = np.eye(self.width)
-        if readings == 1:
-            return chain
-        # Pieces begin at every so many readings; the last one repeats the last reading.
-        length = max(1, int(_SHORT / max(np.median(np.diff(group.times)), 1e-6)))
-        firsts = np.arange(0, readings - 1, length)
-        index = np.minimum(firsts[:, None] + 1 + np.arange(length), readings - 1)
-        begin = group.times[:, firsts].ravel()
-        times = group.times[:, index].reshape(-1, length)
-        start = path[:, firsts].reshape(len(begin), -1)
-        # One set of values as they are, one for each parameter, and one for each entry of the starts.
-        sets = 1 + count + self.width
-        physics = np.repeat(values[None], sets, axis=0)
-        physics[1 : 1 + count] += np.diag(prior * _DIFFERENCE)
-        starts = np.repeat(start[None], sets, axis=0)
-        for j in range(self.width):
-            change = np.zeros((len(start), self.width))
-            change[:, j] = _DIFFERENCE
-            starts[1 + count + j] = self.moved(start, change)
-        ends = predicted(
-            self.craft,
-            group.thrusts,
-            physics_of(self.craft, np.repeat(physics, len(begin), axis=0)),
-            starts.reshape(sets * len(begin), -1),
-            np.tile(begin, sets),
-            np.tile(times, (sets, 1)),
-            _COARSE,
-        ).reshape(sets, windows, len(firsts), length, -1)
-        changes = self.difference(ends[1:], ends[:1]) / _DIFFERENCE
-        of_values, of_starts = np.split(np.moveaxis(changes, 0, -1), [count], axis=-1)
-        for k, first in enumerate(firsts):
-            at = index[k]
-            chain[:, at] = of_starts[:, k] @ chain[:, first, None]
-            chain[:, at, :, :count] += of_values[:, k]
-        return chain
-
-    def difference(self, to: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """States or readings minus predicted states, (..., width); in space the attitude's is a rotation vector.
-
-        `moved` is its counterpart: a start that is moved by a small difference differs by it.
-        """
-        if self.planar:
-            result = to - path
-            result[..., 2] = np.mod(result[..., 2] + np.pi, 2.0 * np.pi) - np.pi
-            return result
-        turn = small_turns(path[..., 3:7], to[..., 3:7])
-        return np.concatenate(
-            [to[..., :3] - path[..., :3], turn, to[..., 7:] - path[..., 7:]], axis=-1
-        )
-
-    def moved(self, starts: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Starts (W, columns) changed by (W, width); attitudes in space turn by a rotation vector in B.
-
-        A start in space has one column more than its changes, the quaternion's.
-        """
-        if self.planar:
-            return starts + change
-        half = 0.5 * change[:, 3:6]
-        small = np.concatenate([np.ones_like(half[:, :1]), half], axis=1)
-        attitude = quaternion_products(starts[:, 3:7], small)
-        attitude /= np.linalg.norm(attitude, axis=1, keepdims=True)
-        return np.concatenate(
-            [starts[:, :3] + change[:, :3], attitude, starts[:, 7:] + change[:, 6:]], axis=1
-        )
-
-
-class _Group:
-    """Windows (W) of one log that have equally many readings (R), as arrays (W, R, ...), SI units.
-
-    ``starts`` (W, width) are the first readings, or a guess where one is missing: where the fit begins.
-    """
-
-    def __init__(
-        self,
-        number: int,
-        log: FlightLog,
-        thrusts: Thrust,
-        windows: Sequence[slice],
-    ) -> None:
-        self.number = number
-        self.windows = windows
-        self.thrusts = thrusts
-        columns = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
-        self.times = np.stack([log.times[part] for part in windows])
-        self.begin = self.times[:, 0]
-        self.readings = np.stack([columns[part] for part in windows])
-        # Where no velocity was measured, windows begin at rest; the fit moves them.
-        self.starts = np.nan_to_num(self.readings[:, 0])
+def _one_behind_the_other(logs: Sequence[FlightLog]) -> list[FlightLog]:
+    """Logs whose times follow one another, so that the windows of all of them lie on one axis of time."""
+    result = []
+    begin = 0.0
+    for log in logs:
+        times = {"times": log.times + begin, "command_times": log.command_times + begin}
+        result.append(replace(log, **times))
+        begin = float(max(array[-1] for array in times.values())) + 10.0 * log.period + _APART
+    return result
 
 
 def channel_columns(craft: Spacecraft) -> dict[str, slice]:
@@ -348,32 +234,32 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
             )
     nominal = np.array([parameter.nominal for parameter in parameters_of(craft)])
     latency = [parameter.name for parameter in parameters_of(craft)].index("latency")
-    steady = [
-        log
-        if log.steady_times is None
-        else replace(log, command_times=log.steady_times, notes=(*log.notes, _steady_note(log)))
-        for log in logs
-    ]
     # Commands whose departure is not known may have left at a steady rate.
-    datings = [logs] if all(log.steady_times is None for log in logs) else [logs, steady]
+    datings = [logs]
+    if any(log.steady_times is not None for log in logs):
+        datings.append([_steady(log) for log in logs])
 
     # Fits over short windows from several latencies; the best continues, at last over the windows asked for. Over
     # long ones the data sheet's heading may be wrong by whole turns, where the cost has other minima.
     solvers = []
+    short = min(first, _SHORT)
     for dated in datings:
-        short = _Problem(craft, dated, min(first, _SHORT))
         for beginning in _FIRST_LATENCIES:
             values = nominal.copy()
             values[latency] = beginning
-            solver = _Solver(short, values)
+            solver = _solver(craft, dated, short, values)
             solver.solve(_FEW)
             solvers.append((solver.evidence(), len(solvers), solver, dated))
     _, _, near, logs = min(solvers)
     near.solve()
     if near.values[latency] <= 0.0:
-        _check_order(near, craft, logs, min(first, _SHORT))
+        _check_order(near, craft, logs, short)
     fitted = _fitted(craft, logs, first, near.values, near.noise)
     return fitted if window is not None else _longest(fitted)
+
+
+def _solver(craft: Spacecraft, logs: Sequence[FlightLog], *settings: Any) -> _Solver:
+    return _Solver(craft, _one_behind_the_other(logs), *settings)
 
 
 def _check_order(
@@ -385,7 +271,7 @@ def _check_order(
     the same length, s.
     """
     early = [replace(log, command_times=log.command_times - log.period) for log in logs]
-    solver = _Solver(_Problem(craft, early, window), near.values)
+    solver = _solver(craft, early, window, near.values)
     solver.solve()
     if near.evidence() - solver.evidence() > UNLIKELY**2:
         raise ConfigError(
@@ -395,15 +281,17 @@ def _check_order(
         )
 
 
-def _steady_note(log: FlightLog) -> str:
-    """That a log's commands are dated by a steady rate, and by how much they were recorded later."""
-    assert log.steady_times is not None
+def _steady(log: FlightLog) -> FlightLog:
+    """The log with commands dated by a steady rate, and a note on how much later they were recorded."""
+    if log.steady_times is None:
+        return log
     late = 1e3 * (log.command_times - log.steady_times)
     period = np.median(np.diff(log.steady_times))
-    return (
+    note = (
         f"{log.source}: the readings are explained better if commands left every {period:.4g} s and were recorded "
         f"up to {late.max():.3g} ms later, so they are dated so."
     )
+    return replace(log, command_times=log.steady_times, notes=(*log.notes, note))
 
 
 def _fitted(
@@ -414,20 +302,9 @@ def _fitted(
     noise: dict[str, float],
 ) -> Fit:
     """Fit over windows of a length, s, from values (P,) and noise near those at the optimum."""
-    solver = _Solver(_Problem(craft, logs, window), values, noise)
+    solver = _solver(craft, logs, window, values, noise)
     solver.solve()
-    return Fit(
-        craft,
-        solver.problem.parameters,
-        solver.values,
-        solver.covariance(),
-        solver.noise,
-        solver.residuals(len(logs)),
-        solver.nominal_residuals(len(logs)),
-        tuple(logs),
-        window,
-        solver.coasting(),
-    )
+    return solver.fit(logs, window)
 
 
 def _longest(fitted: Fit) -> Fit:
@@ -447,139 +324,134 @@ def _longest(fitted: Fit) -> Fit:
     return fitted
 
 
-class _Normal:
-    """Normal equations of values, in units of their prior, and of the starts of W windows, each beside its own.
+class _Linear:
+    """Linear least squares of values (P,), in units of their prior, and of the starts of W windows.
 
-    The starts are eliminated first (Schur's complement), so that the work grows with the number of windows only.
+    Each window has its own start, which QR eliminates from its rows: work grows with the number of windows only.
+
+    Args:
+        jacobian: (W, N, P + width), weighed derivatives by values and by the window's start.
+        rest: (W, N), weighed residuals.
+        prior: (P,), the nominal values minus the present ones.
+    """
+
+    def __init__(self, jacobian: np.ndarray, rest: np.ndarray, prior: np.ndarray) -> None:
+        self.of_values, self.of_starts = np.split(jacobian, [len(prior)], axis=-1)
+        self.rest = rest[..., None]
+        self.prior = prior
+
+    def _eliminated(self, damping: float) -> tuple[np.ndarray, ...]:
+        """Rows of the starts as a product of q (W, N, width) and r, and normal equations (P, P + 1) of the values.
+
+        A faint prior of starts stands below the rows of each window, and the diagonals grow by a factor.
+        """
+        size = self.of_starts.shape[-1]
+        below = np.sqrt(1.0 / _FAINT**2 + damping * np.sum(self.of_starts**2, axis=1))
+        whole = np.concatenate([self.of_starts, below[..., None] * np.eye(size)], axis=1)
+        q, r = np.linalg.qr(whole)
+        q = q[:, :-size]
+        rows = np.concatenate([self.of_values, self.rest], axis=-1)
+        across = q.mT @ rows
+        normal = np.tensordot(rows, rows, ((0, 1), (0, 1)))
+        normal[np.diag_indices(len(self.prior))] += 1.0
+        normal[np.diag_indices(len(self.prior))] *= 1.0 + damping
+        normal -= np.tensordot(across, across, ((0, 1), (0, 1)))
+        normal[:-1, -1] += self.prior
+        return q, r, normal[:-1]
+
+    def step(
+        self, damping: float, low: np.ndarray, high: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Changes of values within bounds (P,), and of starts (W, width), shortened by a damping."""
+        q, r, normal = self._eliminated(damping)
+        root = np.linalg.cholesky(normal[:, :-1])
+        aim = np.linalg.solve(root, normal[:, -1])
+        change = lsq_linear(root.T, aim, (low, high), method="bvls").x
+        left = q.mT @ (self.rest - self.of_values @ change[:, None])
+        return change, np.linalg.solve(r, left)[..., 0]
+
+    def covariance(self) -> np.ndarray:
+        """(P, P) of the values, the starts integrated out."""
+        return np.linalg.inv(self._eliminated(0.0)[2][:, :-1])
+
+    def leverages(self) -> np.ndarray:
+        """(W, N), derivatives of predictions by their readings: 1 where a reading is fitted exactly."""
+        q, _, normal = self._eliminated(0.0)
+        own = self.of_values - q @ (q.mT @ self.of_values)
+        return np.sum(q**2, axis=-1) + np.sum(own @ np.linalg.inv(normal[:, :-1]) * own, axis=-1)
+
+
+class _Solver:
+    """Gauss-Newton iterations from one set of values; `solve` changes values, starts, path and noise together.
+
+    Logs follow one another in time (`_one_behind_the_other`). All windows (W) have as many readings (M) as the
+    longest: shorter ones repeat their last instant, at which nothing is measured.
     """
 
     def __init__(
         self,
-        rows: Sequence[np.ndarray],
-        rests: Sequence[np.ndarray],
-        prior: np.ndarray,
+        craft: Spacecraft,
+        logs: Sequence[FlightLog],
+        window: float,
+        values: np.ndarray,
+        noise: dict[str, float] | None = None,
     ) -> None:
-        """From weighed derivatives (W, N, P + width) and residuals (W, N) of each group, and of the prior (P,)."""
-        count = len(prior)
-        self.rows = [np.split(jacobian, [count], axis=-1) for jacobian in rows]
-        """Derivatives by values and by starts, of each group."""
-        self.corner = np.eye(count)
-        self.right = prior.copy()
-        sides = []
-        blocks = []
-        rights = []
-        for (of_values, of_starts), rest in zip(self.rows, rests, strict=True):
-            self.corner += np.tensordot(of_values, of_values, ((0, 1), (0, 1)))
-            self.right += np.tensordot(of_values, rest, ((0, 1), (0, 1)))
-            sides.append(of_values.mT @ of_starts)
-            blocks.append(of_starts.mT @ of_starts)
-            rights.append((of_starts.mT @ rest[..., None])[..., 0])
-        self.sides = np.concatenate(sides)
-        self.blocks = np.concatenate(blocks)
-        self.blocks = self.blocks + np.eye(self.blocks.shape[-1]) / _FAINT**2
-        self.rights = np.concatenate(rights)
-
-    def solved(self, damping: float, at_least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of values (P,) and starts (W, width), with the diagonal increased by a factor of it.
-
-        Of the values at their least (P,), those stay that would become smaller.
-        """
-        stay = np.zeros_like(at_least)
-        while True:
-            values, starts = self._solved(damping, stay)
-            more = at_least & (values < 0.0)
-            if not more.any():
-                return values, starts
-            stay |= more
-
-    def _solved(self, damping: float, stay: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of values (P,) and of windows' starts with a damping.
-
-        Values that ``stay`` (P,) at a bound do not move.
-        """
-        corner = self.corner + damping * np.diag(np.diag(self.corner))
-        extra = damping * np.einsum("wii->wi", self.blocks)
-        inverse = np.linalg.inv(self.blocks + extra[..., None] * np.eye(extra.shape[-1]))
-        across = self.sides @ inverse
-        reduced = corner - np.tensordot(across, self.sides, ((0, 2), (0, 2)))
-        right = self.right - np.tensordot(across, self.rights, ((0, 2), (0, 1)))
-        values = np.zeros_like(right)
-        values[~stay] = np.linalg.solve(reduced[~stay][:, ~stay], right[~stay])
-        starts = inverse @ (self.rights - values @ self.sides)[..., None]
-        return values, starts[..., 0]
-
-    def reduced(self) -> np.ndarray:
-        """Information (P, P) about the values, the starts integrated out."""
-        across = self.sides @ np.linalg.inv(self.blocks)
-        return self.corner - np.tensordot(across, self.sides, ((0, 2), (0, 2)))
-
-    def leverages(self) -> list[np.ndarray]:
-        """Derivatives (W, N) of each group's predictions by their readings: 1 where a reading is fitted exactly.
-
-        `_Solver` divides squares of residuals by the degrees of freedom that they leave, which is the noise.
-        """
-        inverse = np.linalg.inv(self.blocks)
-        of_values = np.linalg.inv(self.reduced())
-        across = inverse @ self.sides.mT
-        result = []
-        begin = 0
-        for by_values, by_starts in self.rows:
-            part = slice(begin, begin + len(by_values))
-            begin = part.stop
-            rest = by_values - by_starts @ across[part]
-            own = np.einsum("wni,wni->wn", by_starts @ inverse[part], by_starts)
-            result.append(own + np.einsum("wnp,wnp->wn", rest @ of_values, rest))
-        return result
-
-
-class _Solver:
-    """Gauss-Newton iterations from one set of values; `solve` changes values, starts, paths and noise together."""
-
-    def __init__(
-        self, problem: _Problem, values: np.ndarray, noise: dict[str, float] | None = None
-    ) -> None:
-        self.problem = problem
+        self.craft = craft
+        self.columns = channel_columns(craft)
+        self.width = self.columns["spin"].stop
+        """Entries of a residual, and of the change of a start."""
+        self.parameters = parameters_of(craft)
+        self.prior, self.nominal, self.least = np.array(
+            [(one.prior, one.nominal, one.least) for one in self.parameters]
+        ).T
+        # The windows of all logs.
+        parts = [(log, part) for log in logs for part in windows_of(log, window)]
+        self.counts = [part.stop - part.start for _, part in parts]
+        most = max(self.counts)
+        self.times = np.empty((len(parts), most))
+        states = [
+            np.column_stack([log.position, log.attitude, log.velocity, log.spin]) for log in logs
+        ]
+        self.readings = np.full((len(parts), most, states[0].shape[1]), np.nan)
+        tables = {id(log): table for log, table in zip(logs, states, strict=True)}
+        for k, (log, part) in enumerate(parts):
+            self.times[k] = np.pad(log.times[part], (0, most - self.counts[k]), mode="edge")
+            self.readings[k, : self.counts[k]] = tables[id(log)][part]
+        self.thrusts = Thrust.of(craft, logs)
+        # Where no velocity was measured, windows begin at rest; the fit moves them.
+        self.starts = np.nan_to_num(self.readings[:, 0])
         self.values = values
-        self.starts = [group.starts for group in problem.groups]
-        self.columns = channel_columns(problem.craft)
-        self.paths = self._paths(values, self.starts)
-        """Predicted states of each group, for the present values and starts."""
-        measured = {
-            name
-            for name, part in self.columns.items()
-            if any(
-                np.isfinite(residual[..., part]).any() for residual in self._residuals(self.paths)
-            )
+        self.path = self._path(values, self.starts)
+        """Predicted states (W, M, columns) for the present values and starts."""
+        read = np.isfinite(self._residuals(self.path))
+        self.noise = {
+            name: x
+            for name, x in (noise or _FIRST_NOISE).items()
+            if read[..., self.columns[name]].any()
         }
-        self.noise = {name: x for name, x in (noise or _FIRST_NOISE).items() if name in measured}
         """Standard deviations of the errors of readings."""
 
     def solve(self, iterations: int = _ITERATIONS) -> None:
-        """Minimise the cost in at most so many steps, and estimate the noise between them.
-
-        Changes values, starts, paths and noise.
-        """
-        problem = self.problem
-        prior = np.array([parameter.prior for parameter in problem.parameters])
-        nominal = np.array([parameter.nominal for parameter in problem.parameters])
-        least = np.array([parameter.least for parameter in problem.parameters])
+        """Minimise the cost in at most so many steps, and estimate the noise between them."""
         damping = 1e-3
         settled = False
         for _ in range(iterations):
-            normal = self._normal()
-            cost = self._cost(self.values, self.paths)
+            linear = self._linear()
+            cost = self._cost(self.values, self.path)
+            low = (self.least - self.values) / self.prior
+            high = (self.nominal - self.values) / self.prior + _FARTHEST
             while damping < _MOST_DAMPING:
-                change, moves = normal.solved(damping, self.values <= least)
-                values = np.clip(self.values + change * prior, least, nominal + 20.0 * prior)
-                starts = self._moved(moves)
-                paths = self._paths(values, starts)
-                after = self._cost(values, paths)
+                change, moves = linear.step(damping, low, high)
+                values = np.maximum(self.values + change * self.prior, self.least)
+                starts = self._moved(self.starts, moves)
+                path = self._path(values, starts)
+                after = self._cost(values, path)
                 if after <= cost:
                     self.values = values
                     self.starts = starts
-                    self.paths = paths
+                    self.path = path
                     damping = max(damping * 0.1, 1e-9)
-                    changed = self._estimate_noise(normal)
+                    changed = self._estimate_noise(linear)
                     # A last step of 0.3 deviations at most: what is left is of second order.
                     settled = cost - after < 0.1 and changed < 1e-2
                     break
@@ -589,88 +461,118 @@ class _Solver:
             if settled:
                 break
 
-    def _paths(self, values: np.ndarray, starts: Sequence[np.ndarray]) -> list[np.ndarray]:
-        groups = self.problem.groups
-        return [
-            self.problem.paths(group, values, own)
-            for group, own in zip(groups, starts, strict=True)
-        ]
+    def _path(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
+        physics = physics_of(self.craft, np.repeat(values[None], len(starts), axis=0))
+        return predicted(self.craft, self.thrusts, physics, starts, self.times)
 
-    def _residuals(self, paths: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Readings minus predicted states of each group, (W, M, width)."""
-        groups = self.problem.groups
-        return [
-            self.problem.difference(group.readings, path)
-            for group, path in zip(groups, paths, strict=True)
-        ]
+    def _sensitivities(self) -> np.ndarray:
+        """Derivatives (W, M, width, P + width) of states by values, in units of prior, and by starts.
 
-    def _moved(self, moves: np.ndarray) -> list[np.ndarray]:
-        """Starts of all groups, changed by (W, width) of all windows (m, rad, m/s, rad/s)."""
-        ends = np.cumsum([len(starts) for starts in self.starts])[:-1]
-        return [
-            self.problem.moved(starts, own)
-            for starts, own in zip(self.starts, np.split(moves, ends), strict=True)
-        ]
+        They are finite differences over pieces of about `_SHORT`, all at once, and the chain rule from piece to
+        piece, since over a long window a torque turns by more than what is linear. Of each piece there is one set
+        as it is, and one for each value and entry of its start.
+        """
+        count = len(self.values)
+        sets = 1 + count + self.width
+        windows, readings = self.times.shape
+        # Pieces share their ends; the last one repeats the last reading.
+        rate = readings / max(float(np.ptp(self.times, axis=1).max()), 1e-6)
+        length = max(1, int(_SHORT * rate))
+        firsts = np.arange(0, max(readings - 1, 1), length)
+        index = np.minimum(firsts[:, None] + np.arange(length + 1), readings - 1)
+        times = self.times[:, index].reshape(-1, length + 1)
+        values = np.repeat(self.values[None], sets, axis=0)
+        values[1 : 1 + count] += np.diag(self.prior * _DIFFERENCE)
+        changes = np.zeros((sets, len(times), self.width))
+        changes[1 + count :] = _DIFFERENCE * np.eye(self.width)[:, None]
+        starts = self.path[:, firsts].reshape(len(times), -1)
+        starts = self._moved(np.repeat(starts[None], sets, axis=0), changes)
+        ends = predicted(
+            self.craft,
+            self.thrusts,
+            physics_of(self.craft, np.repeat(values, len(times), axis=0)),
+            starts.reshape(sets * len(times), -1),
+            np.tile(times, (sets, 1)),
+            _COARSE,
+        ).reshape(sets, windows, *index.shape, -1)
+        slopes = np.moveaxis(self._difference(ends[1:], ends[:1]) / _DIFFERENCE, 0, -1)
+        chain = np.zeros((windows, readings, self.width, sets - 1))
+        chain[:, 0, :, count:] = np.eye(self.width)
+        for k, at in enumerate(index):
+            chain[:, at] = slopes[:, k, ..., count:] @ chain[:, at[:1]]
+            chain[:, at, :, :count] += slopes[:, k, ..., :count]
+        return chain
+
+    def _residuals(self, path: np.ndarray) -> np.ndarray:
+        """Readings minus predicted states, (W, M, width); NaN where nothing was measured."""
+        return self._difference(self.readings, path)
+
+    def _difference(self, to: np.ndarray, path: np.ndarray) -> np.ndarray:
+        """States minus states, (..., width); in space the attitude's is a rotation vector.
+
+        `_moved` is its counterpart: a start that is moved by a small difference differs by it.
+        """
+        if self.craft.dimension == 2:
+            result = to - path
+            result[..., 2] = np.mod(result[..., 2] + np.pi, 2.0 * np.pi) - np.pi
+            return result
+        turn = small_turns(path[..., 3:7], to[..., 3:7])
+        return np.concatenate(
+            [to[..., :3] - path[..., :3], turn, to[..., 7:] - path[..., 7:]], axis=-1
+        )
+
+    def _moved(self, starts: np.ndarray, change: np.ndarray) -> np.ndarray:
+        """Starts (..., columns) changed by (..., width); attitudes in space turn by a rotation vector in B.
+
+        A start in space has one column more than its changes, the quaternion's.
+        """
+        if self.craft.dimension == 2:
+            return starts + change
+        half = 0.5 * change[..., 3:6]
+        small = np.concatenate([np.ones_like(half[..., :1]), half], axis=-1)
+        attitude = quaternion_products(starts[..., 3:7], small)
+        attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
+        ends = starts[..., :3] + change[..., :3], attitude, starts[..., 7:] + change[..., 6:]
+        return np.concatenate(ends, axis=-1)
 
     def _weights(self) -> np.ndarray:
-        """1 / standard deviation of each entry of a residual."""
-        weights = np.zeros(self.problem.width)
+        """1 / standard deviation of each entry of a residual; 0 of what was not measured."""
+        weights = np.zeros(self.width)
         for name, noise in self.noise.items():
             weights[self.columns[name]] = 1.0 / noise
         return weights
 
-    def _cost(self, values: np.ndarray, paths: Sequence[np.ndarray]) -> float:
-        weights = self._weights()
-        total = sum(float(np.nansum((x * weights) ** 2)) for x in self._residuals(paths))
-        return total + float(np.sum(self._from_prior(values) ** 2))
+    def _cost(self, values: np.ndarray, path: np.ndarray) -> float:
+        off = (values - self.nominal) / self.prior
+        weighed = self._residuals(path) * self._weights()
+        return float(np.nansum(weighed**2) + np.sum(off**2))
 
-    def _from_prior(self, values: np.ndarray) -> np.ndarray:
-        parameters = self.problem.parameters
-        return np.array(
-            [
-                (v - parameter.nominal) / parameter.prior
-                for v, parameter in zip(values, parameters, strict=True)
-            ]
+    def _linear(self) -> _Linear:
+        """Linear least squares about the present values, starts and path."""
+        residual = self._residuals(self.path)
+        windows = len(residual)
+        weights = np.isfinite(residual) * self._weights()
+        jacobian = self._sensitivities() * weights[..., None]
+        return _Linear(
+            jacobian.reshape(windows, -1, jacobian.shape[-1]),
+            np.nan_to_num(residual * self._weights()).reshape(windows, -1),
+            (self.nominal - self.values) / self.prior,
         )
 
-    def _normal(self) -> _Normal:
-        """Normal equations for values in units of their prior, and for starts.
-
-        It is for the present `paths`, which must be those of the present values and starts.
-        """
-        problem = self.problem
-        weights = self._weights()
-        rows = []
-        rests = []
-        for group, path, residual in zip(
-            problem.groups, self.paths, self._residuals(self.paths), strict=True
-        ):
-            # What was not measured tells nothing.
-            jacobian = problem.sensitivities(group, self.values, path)
-            jacobian *= (np.isfinite(residual) * weights)[..., None]
-            rows.append(jacobian.reshape(len(path), -1, jacobian.shape[-1]))
-            rests.append(np.nan_to_num(residual * weights).reshape(len(path), -1))
-        return _Normal(rows, rests, -self._from_prior(self.values))
-
-    def _estimate_noise(self, normal: _Normal) -> float:
+    def _estimate_noise(self, linear: _Linear) -> float:
         """Set standard deviations to those of the residuals, and return the largest relative change.
 
         What was fitted takes degrees of freedom of each channel: the sum of its leverages (the fixed point of
         restricted maximum likelihood: Patterson and Thompson, Biometrika 58, 1971).
         """
-        sums = dict.fromkeys(self.columns, 0.0)
-        free = dict.fromkeys(self.columns, 0.0)
-        for residual, leverage in zip(self._residuals(self.paths), normal.leverages(), strict=True):
-            taken = leverage.reshape(residual.shape)
-            for name, part in self.columns.items():
-                channel = residual[..., part]
-                sums[name] += float(np.nansum(channel**2))
-                free[name] += float(np.sum(np.isfinite(channel) - taken[..., part]))
+        residual = self._residuals(self.path)
+        free = np.isfinite(residual) - linear.leverages().reshape(residual.shape)
         change = 0.0
         for name, old in self.noise.items():
-            new = max(float(np.sqrt(sums[name] / max(free[name], 1.0))), 1e-6)
-            change = max(change, abs(new / old - 1.0))
-            self.noise[name] = new
+            part = self.columns[name]
+            square = np.nansum(residual[..., part] ** 2) / max(np.sum(free[..., part]), 1.0)
+            self.noise[name] = max(float(np.sqrt(square)), 1e-6)
+            change = max(change, abs(self.noise[name] / old - 1.0))
         return change
 
     def evidence(self) -> float:
@@ -679,67 +581,57 @@ class _Solver:
         It compares first latencies and ways to date commands, at windows of one length: others would have other
         starts.
         """
-        total = float(np.sum(self._from_prior(self.values) ** 2))
-        for residual in self.residuals(1 + max(group.number for group in self.problem.groups)):
-            for name in self.noise:
-                channel = residual[:, self.columns[name]]
-                count = int(np.isfinite(channel).sum())
-                total += 2.0 * count * np.log(self.noise[name])
-                total += float(np.nansum(channel**2)) / self.noise[name] ** 2
+        residual = self._residuals(self.path)
+        total = self._cost(self.values, self.path)
+        for name, noise in self.noise.items():
+            count = np.isfinite(residual[..., self.columns[name]]).sum()
+            total += 2.0 * float(count * np.log(noise))
         return total
-
-    def covariance(self) -> np.ndarray:
-        """Covariance (P, P) of the parameters, the starts integrated out."""
-        prior = np.array([parameter.prior for parameter in self.problem.parameters])
-        return np.linalg.inv(self._normal().reduced()) * np.outer(prior, prior)
 
     def coasting(self) -> dict[str, float]:
         """Standard deviation of each channel about coasts of the windows, which is `Fit.coasting`.
 
         `result.py` calls a channel explained where its noise is well below this.
         """
-        squares = dict.fromkeys(self.columns, 0.0)
-        free = dict.fromkeys(self.columns, 0)
-        total = dict.fromkeys(self.columns, 0)
-        for group in self.problem.groups:
-            for times, readings in zip(group.times, group.readings, strict=True):
-                # In space an attitude is its rotation from the window's first.
-                first = np.broadcast_to(readings[:1], readings.shape)
-                moved = self.problem.difference(readings, first)
-                for name, part in self.columns.items():
-                    degree = 1 if name in ("position", "attitude") else 0
-                    for column in moved[:, part].T:
-                        read = np.isfinite(column)
-                        total[name] += int(read.sum())
-                        if read.sum() <= degree + 1:
-                            continue
-                        values = np.unwrap(column[read]) if name == "attitude" else column[read]
-                        terms = np.vander(times[read] - times[0], degree + 1)
-                        line = np.linalg.lstsq(terms, values, rcond=None)[0]
-                        squares[name] += float(np.sum((values - terms @ line) ** 2))
-                        free[name] += int(read.sum()) - degree - 1
+        squares = dict.fromkeys(self.noise, 0.0)
+        free = dict.fromkeys(self.noise, 0)
+        # In space an attitude is its rotation from the window's first.
+        moved = self._difference(self.readings, self.readings[:, :1])
+        for times, rows in zip(self.times, moved, strict=True):
+            for name in self.noise:
+                degree = 1 if name in ("position", "attitude") else 0
+                for column in rows[:, self.columns[name]].T:
+                    read = np.isfinite(column)
+                    if read.sum() <= degree + 1:
+                        continue
+                    values = np.unwrap(column[read]) if name == "attitude" else column[read]
+                    terms = np.vander(times[read] - times[0], degree + 1)
+                    line = np.linalg.lstsq(terms, values, rcond=None)[0]
+                    squares[name] += float(np.sum((values - terms @ line) ** 2))
+                    free[name] += int(read.sum()) - degree - 1
+        total = {name: np.isfinite(moved[..., self.columns[name]]).sum() for name in self.noise}
         return {
             name: float(np.sqrt(squares[name] / free[name]))
             for name in self.noise
             if free[name] > 0.3 * total[name]
         }
 
-    def residuals(self, logs: int) -> tuple[np.ndarray, ...]:
-        """Residuals of each log in the order of its readings."""
-        return self._in_order(self.paths, logs)
+    def fit(self, logs: Sequence[FlightLog], window: float) -> Fit:
+        """The result of `solve`, with the logs as they were and the length of the windows, s."""
 
-    def nominal_residuals(self, logs: int) -> tuple[np.ndarray, ...]:
-        """Readings minus the data sheet's prediction from the same starts, in the order of the readings."""
-        nominal = np.array([parameter.nominal for parameter in self.problem.parameters])
-        return self._in_order(self._paths(nominal, self.starts), logs)
+        def in_order(path: np.ndarray) -> np.ndarray:
+            rows = zip(self._residuals(path), self.counts, strict=True)
+            return np.concatenate([own[:count] for own, count in rows])
 
-    def _in_order(self, paths: Sequence[np.ndarray], logs: int) -> tuple[np.ndarray, ...]:
-        """Residuals of paths by log, (rows, width) each, in the order of time whatever the groups."""
-        parts: list[list[tuple[int, np.ndarray]]] = [[] for _ in range(logs)]
-        for group, residual in zip(self.problem.groups, self._residuals(paths), strict=True):
-            for part, own in zip(group.windows, residual, strict=True):
-                parts[group.number].append((part.start, own))
-        return tuple(
-            np.concatenate([own for _, own in sorted(section, key=lambda pair: pair[0])])
-            for section in parts
+        return Fit(
+            self.craft,
+            self.parameters,
+            self.values,
+            self._linear().covariance() * np.outer(self.prior, self.prior),
+            self.noise,
+            in_order(self.path),
+            in_order(self._path(self.nominal, self.starts)),
+            tuple(logs),
+            window,
+            self.coasting(),
         )

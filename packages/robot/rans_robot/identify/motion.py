@@ -8,37 +8,46 @@ use.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from rans.extend import Body, ConfigError, Quat, Spacecraft, Vec3, Wrench
+from rans.extend import ConfigError, Quat, Spacecraft, Vec3, Wrench, leaves, map_leaves
 from rans.model.dynamics import thrust
 from rans_robot.identify.log import FlightLog
 
 STEP = 0.02
 """s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
 2e-4 rad under 4 rad/s^2, far below the noise of readings."""
-
-
+_SIZES = {2: (2, 1, 2, 1), 3: (3, 4, 3, 3)}
+"""Entries of position, attitude, velocity and spin in a state, by the dimension."""
 _FEW_WINDOWS = 4
 """Up to so many windows in space are predicted one after the other, in floats: a step of floats takes a quarter of
 the time of one of arrays, however few their entries are."""
+_BRISK = 1e-4
+"""s: a rise below it counts as a delay of half of it, since a mean over no time is rounding."""
+_AFTER = 3.0
+"""Control periods after the last command of a log, at which its last reading is past."""
 
 
-class Physics(NamedTuple):
-    """Parameters of the motion for K windows, as fields (K,)."""
+@dataclass(frozen=True)
+class Physics:
+    """Parameters of the motion for K windows."""
 
-    body: Body
-    """Mass properties, and a factor on the force of each thruster."""
+    gain: np.ndarray
+    """(K, n), factors on the force of each thruster."""
+    inertia: np.ndarray
+    """(K, 1), kg m^2; in space (K, 6): xx, xy, xz, yy, yz and zz."""
+    centre: np.ndarray
+    """(K, d), m: centre of mass from the designed one."""
     disturbance: Wrench
-    """Constant force and torque in W, N and N m."""
+    """Constant force of fields (K,), N, and torque (K, 1 or 3), N m, in W."""
     latency: np.ndarray
-    """(K,), s from a command until the force begins to change."""
+    """(K, 1), s from a command until the force begins to change."""
     rise: np.ndarray
-    """(K,), s of the linear change of the force."""
+    """(K, 1), s of the linear change of the force."""
 
 
 @dataclass(frozen=True)
@@ -55,36 +64,41 @@ class Thrust:
     """(E, n): shares of full force from each instant on."""
 
     @classmethod
-    def of(cls, craft: Spacecraft, log: FlightLog) -> Thrust:
-        """Shares of full force by a log's commands, with pulses and the supply's limit, as if nothing were late.
+    def of(cls, craft: Spacecraft, logs: Sequence[FlightLog]) -> Thrust:
+        """Shares of full force by the commands of logs in the order of time, with pulses and the supply's limit.
 
-        The integrals are exact for steps of thrust, so that they can be shifted by any delay without a grid.
+        The integrals are exact for steps of thrust, so that they can be shifted by any delay without a grid. Those
+        of a log begin at 0, and no thruster pushes between two logs.
         """
-        times = []
-        shares = []
-        periods = np.diff(log.command_times, append=log.command_times[-1] + log.period)
-        periods = np.minimum(periods, log.period * 1.5)  # a pulse is a share of the control period
-        for time, command, period in zip(log.command_times, log.commands, periods, strict=True):
-            gone = 0.0
-            for part, levels in craft.actuators.pulses(tuple(map(float, command))):
-                if part <= 0.0:
-                    continue
-                times.append(time + gone)
-                shares.append([float(x) for x in thrust(craft, tuple(levels))])
-                gone += float(part) * min(period, log.period)
-        t = np.array(times)
-        u = np.array(shares)
-        steps = np.diff(t)[:, None]
-        first = np.zeros_like(u)
-        second = np.zeros_like(u)
-        first[1:] = np.cumsum(u[:-1] * steps, axis=0)
-        second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
-        return cls(t, first, second, u)
+        tables = []
+        for log in logs:
+            times = []
+            shares = []
+            periods = np.diff(log.command_times, append=log.command_times[-1] + log.period)
+            periods = np.minimum(periods, log.period)  # a pulse is a share of the control period
+            for time, command, period in zip(log.command_times, log.commands, periods, strict=True):
+                gone = 0.0
+                for part, levels in craft.actuators.pulses(tuple(map(float, command))):
+                    if part <= 0.0:
+                        continue
+                    times.append(time + gone)
+                    shares.append([float(x) for x in thrust(craft, tuple(levels))])
+                    gone += float(part) * period
+            t = np.array(times)
+            u = np.array(shares)
+            steps = np.diff(t)[:, None]
+            first = np.zeros_like(u)
+            second = np.zeros_like(u)
+            first[1:] = np.cumsum(u[:-1] * steps, axis=0)
+            second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
+            none = np.zeros_like(u[:1])
+            tables += [(t, first, second, u), ([t[-1] + _AFTER * log.period], none, none, none)]
+        return cls(*(np.concatenate(parts) for parts in zip(*tables, strict=True)))
 
     def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """First and second integral of the shares at times t of any shape (s): (..., n) each, s and s^2.
 
-        From the log's first command on; before it both are 0.
+        From the first command on; before it both are 0.
         """
         index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
         since = np.maximum(t - self.times[index], 0.0)[..., None]  # nothing acts before the log
@@ -97,13 +111,13 @@ class Thrust:
     def delivered(self, t: np.ndarray, latency: np.ndarray, rise: np.ndarray) -> np.ndarray:
         """Integral of the delayed shares up to times t (K, S), s: (K, S, n), s.
 
-        A share that rises linearly is the mean of the commanded one over the rise time before. Delays are (K,), s.
+        A share that rises linearly is the mean of the commanded one over the rise time before. Delays (K, 1).
         """
-        late = t - latency[:, None]
-        first, second = self._integrals(late)
-        _, before = self._integrals(late - rise[:, None])
-        ramp = np.maximum(rise, 1e-6)[:, None, None]
-        return np.where(rise[:, None, None] > 1e-6, (second - before) / ramp, first)
+        is_brisk = rise < _BRISK
+        first, second = self._integrals(t - latency - np.where(is_brisk, 0.5 * rise, 0.0))
+        _, before = self._integrals(t - latency - rise)
+        ramp = np.maximum(rise, _BRISK)[..., None]
+        return np.where(is_brisk[..., None], first, (second - before) / ramp)
 
 
 def check_identifiable(craft: Spacecraft) -> None:
@@ -156,7 +170,6 @@ def predicted(
     thrusts: Thrust,
     physics: Physics,
     start: np.ndarray,
-    begin: np.ndarray,
     times: np.ndarray,
     longest: float = STEP,
 ) -> np.ndarray:
@@ -168,111 +181,91 @@ def predicted(
         craft: spacecraft as designed.
         thrusts: forces that were commanded.
         physics: parameters.
-        start: (K, 6 or 13), states at the beginnings of the windows.
-        begin: (K,), s, the beginnings.
+        start: (K, 6 or 13), states at the first readings of the windows.
         times: (K, M), s, times of the readings, ascending.
         longest: s, longest step of the grid.
     """
     # Readings lie on the grid: between its instants velocities have kinks where thrusters open.
-    gaps = np.diff(np.concatenate([begin[:, None], times], axis=1), axis=1)
+    gaps = np.diff(times, axis=1)
     counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / longest - 1e-9).astype(int))
     step = np.repeat(np.maximum(gaps, 1e-12) / counts, counts, axis=1)
-    grid = begin[:, None] + np.concatenate(
-        [np.zeros((len(begin), 1)), np.cumsum(step, axis=1)], axis=1
-    )
+    grid = _summed(times[:, :1], step[..., None])[..., 0]
     delivered = thrusts.delivered(grid, physics.latency, physics.rise)
-    gain = np.stack([np.broadcast_to(g, len(times)) for g in physics.body.gain], axis=-1)
-    fractions = np.diff(delivered, axis=1) / step[..., None] * gain[:, None]
-    wrenches = fractions @ craft.wrenches
-    move = _planar if craft.dimension == 2 else _spatial
-    return move(craft, physics, start, wrenches, step)[:, np.cumsum(counts)]
-
-
-def _planar(
-    craft: Spacecraft,
-    physics: Physics,
-    start: np.ndarray,
-    wrench: np.ndarray,
-    step: np.ndarray,
-) -> np.ndarray:
-    """States (K, S + 1, 6) in the plane, as cumulative sums with the heading at the middle of each step.
-
-    They are some hundred times as fast as the engine's steps, one after the other; the error of a step is of third
-    order in its turn, 1e-6 of the thrust at 1 rad/s.
-    """
-    force = wrench[..., :2]
-    x, y = (np.asarray(c)[:, None] for c in physics.body.centre)
-    push = physics.disturbance
-    torque = wrench[..., 2] - (x * force[..., 1] - y * force[..., 0])
-    torque = torque + np.asarray(push.torque)[:, None]
-    rate = torque / np.asarray(physics.body.inertia[0])[:, None]
-    # Spin, heading, then velocity and position, each a sum of the one before.
-    h = step
-    spin = _summed(start[:, 5], rate * h)
-    heading = _summed(start[:, 2], spin[:, :-1] * h + 0.5 * rate * h**2)
-    middle = heading[:, :-1] + 0.5 * h * spin[:, :-1] + 0.125 * h**2 * rate
-    cos = np.cos(middle)
-    sin = np.sin(middle)
-    pushed = (
-        cos * force[..., 0] - sin * force[..., 1] + np.asarray(push.force.x)[:, None],
-        sin * force[..., 0] + cos * force[..., 1] + np.asarray(push.force.y)[:, None],
+    step = step[..., None]
+    wrench = np.diff(delivered, axis=1) / step * physics.gain[:, None] @ craft.wrenches
+    # The motion about the centre of mass, and the force in W in the middle of each step.
+    d = craft.dimension
+    position, attitude, velocity, spin = np.split(start, np.cumsum(_SIZES[d][:-1]), axis=1)
+    turned = _turned if d == 2 else _turned_in_space
+    attitudes, spins, pushed = turned(
+        physics, attitude, spin, wrench[..., :d], wrench[..., d:], step
     )
-    columns = []
-    for j, component in enumerate(pushed):
-        acceleration = component / craft.mass
-        velocity = _summed(start[:, 3 + j], acceleration * h)
-        position = _summed(start[:, j], velocity[:, :-1] * h + 0.5 * acceleration * h**2)
-        columns.append((position, velocity))
-    (x, vx), (y, vy) = columns
-    return np.stack([x, y, heading, vx, vy, spin], axis=-1)
+    push = np.stack(physics.disturbance.force.columns(), axis=-1)
+    acceleration = (pushed + push[:, None]) / craft.mass
+    velocities = _summed(velocity, acceleration * step)
+    positions = _summed(position, velocities[:, :-1] * step + 0.5 * acceleration * step**2)
+    path = np.concatenate([positions, attitudes, velocities, spins], axis=-1)
+    return path[:, np.append(0, np.cumsum(counts))]
 
 
 def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Values (K, S + 1) that begin at (K,) and change by (K, S)."""
-    return start[:, None] + np.concatenate(
-        [np.zeros((len(start), 1)), np.cumsum(changes, axis=1)], axis=1
-    )
+    """Values (K, S + 1, c) that begin at (K, c) and change by (K, S, c)."""
+    return np.cumsum(np.concatenate([start[:, None], changes], axis=1), axis=1)
 
 
-def _spatial(
-    craft: Spacecraft,
+def _turned(
     physics: Physics,
-    start: np.ndarray,
-    wrench: np.ndarray,
+    attitude: np.ndarray,
+    spin: np.ndarray,
+    force: np.ndarray,
+    torque: np.ndarray,
     step: np.ndarray,
-) -> np.ndarray:
-    """States (K, S + 1, 13) by the midpoint rule, of starts (K, 13) and wrenches (K, S, 6) in B."""
-    body = physics.body
-    force = wrench[..., :3]
-    torque = wrench[..., 3:] - np.cross(_stacked(body.centre)[:, None], force)
-    xx, xy, xz, yy, yz, zz = (np.asarray(x) for x in body.inertia)
-    inertia = np.stack(
-        [_stacked(row) for row in ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz))], axis=1
-    )
-    push = _stacked(physics.disturbance.force.columns()) / craft.mass
-    twist = _stacked(physics.disturbance.torque.columns())
-    constant = start, inertia, np.linalg.inv(inertia), push, twist
-    acting = step, force / craft.mass, torque
-    parts = [slice(None)]
-    if len(start) <= _FEW_WINDOWS:
-        parts = [slice(k, k + 1) for k in range(len(start))]
-    return np.concatenate(
-        [_midpoints([x[part] for x in constant], [x[part] for x in acting]) for part in parts]
-    )
+) -> tuple[np.ndarray, ...]:
+    """Headings (K, S + 1, 1), spins (K, S + 1, 1) and forces in W (K, S, 2), as cumulative sums.
+
+    They are some hundred times as fast as the engine's steps, one after the other. The force has the heading in the
+    middle of each step: the error is of third order in its turn, 1e-6 of the thrust at 1 rad/s.
+    """
+    x, y = physics.centre.T[..., None, None]
+    fx, fy = force[..., :1], force[..., 1:]
+    rate = torque - (x * fy - y * fx) + physics.disturbance.torque[:, None]
+    rate = rate / physics.inertia[:, None]
+    spins = _summed(spin, rate * step)
+    headings = _summed(attitude, spins[:, :-1] * step + 0.5 * rate * step**2)
+    middle = headings[:, :-1] + 0.5 * step * spins[:, :-1] + 0.125 * step**2 * rate
+    cos = np.cos(middle)
+    sin = np.sin(middle)
+    return headings, spins, np.concatenate([cos * fx - sin * fy, sin * fx + cos * fy], axis=-1)
 
 
-def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> np.ndarray:
-    """States (K, S + 1, 13) of the midpoint rule.
+def _turned_in_space(
+    physics: Physics,
+    attitude: np.ndarray,
+    spin: np.ndarray,
+    force: np.ndarray,
+    torque: np.ndarray,
+    step: np.ndarray,
+) -> tuple[np.ndarray, ...]:
+    """Attitudes (K, S + 1, 4), spins (K, S + 1, 3) and forces in W (K, S, 3), by the midpoint rule.
 
     The fit takes finite differences of results: no choice by the value of a parameter, which would make steps.
-
-    Args:
-        constant: start (K, 13), inertia and its inverse (K, 3, 3), acceleration (K, 3) and torque (K, 3) in W.
-        acting: length of each step (K, S), s, and what acts in it (K, S, 3): thrust per mass and torque in B.
     """
-    columns, inertia, inverse, *loads = (_fields(x) for x in constant)
-    p, q, v, w = Vec3(*columns[:3]), Quat(*columns[3:7]), Vec3(*columns[7:10]), Vec3(*columns[10:])
-    push, twist = (Vec3(*x) for x in loads)
+    if 1 < len(spin) <= _FEW_WINDOWS:
+        parts = [slice(k, k + 1) for k in range(len(spin))]
+        each = [
+            _turned_in_space(
+                *map_leaves(
+                    lambda x, part=part: x[part], (physics, attitude, spin, force, torque, step)
+                )
+            )
+            for part in parts
+        ]
+        return tuple(map(np.concatenate, zip(*each, strict=True)))
+    inertia = physics.inertia[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
+    inverse = _fields(np.linalg.inv(inertia))
+    inertia = _fields(inertia)
+    twist = Vec3(*_fields(physics.disturbance.torque))
+    torque = torque - np.cross(physics.centre[:, None], force)
 
     def rate(w: Vec3, q: Quat, torque: Vec3) -> Vec3:
         """Angular acceleration in B, rad/s^2: Euler's equations."""
@@ -280,18 +273,25 @@ def _midpoints(constant: Sequence[np.ndarray], acting: Sequence[np.ndarray]) -> 
         return _product(inverse, total)
 
     # Euler's equations at the beginning and in the middle of each step.
-    path = [columns]
-    for h, *loads in zip(*(_fields(x) for x in acting), strict=True):
-        force, torque = (Vec3(*x) for x in loads)
-        halfway = w + rate(w, q, torque).scale(0.5 * h)
+    q = Quat(*_fields(attitude))
+    w = Vec3(*_fields(spin))
+    path = [(*leaves(q), *leaves(w), *leaves(q))]
+    for h, load in zip(_fields(step[..., 0]), _fields(torque), strict=True):
+        halfway = w + rate(w, q, Vec3(*load)).scale(0.5 * h)
         middle = _after(q, (w + halfway).scale(0.25 * h))
-        acceleration = middle.rotate(force) + push
-        p = p + (v + acceleration.scale(0.5 * h)).scale(h)
-        v = v + acceleration.scale(h)
-        w = w + rate(halfway, middle, torque).scale(h)
+        w = w + rate(halfway, middle, Vec3(*load)).scale(h)
         q = _after(q, halfway.scale(h))
-        path.append([*p.columns(), q.w, q.x, q.y, q.z, *v.columns(), *w.columns()])
-    return np.moveaxis(np.array(path).reshape(len(path), 13, -1), -1, 0)
+        path.append((*leaves(q), *leaves(w), *leaves(middle)))
+    states = np.moveaxis(np.array(path).reshape(len(path), 11, -1), -1, 0)
+    pushed = Quat(*states[:, 1:, 7:].T).rotate(Vec3(*force.T))
+    return states[..., :4], states[..., 4:7], np.array(pushed.columns()).T
+
+
+def _fields(table: np.ndarray) -> list[Any]:
+    """Entries of a table (K, ...) as lists of arrays (K,), or of floats where K is 1."""
+    if len(table) == 1:
+        return table[0].tolist()
+    return list(np.ascontiguousarray(np.moveaxis(table, 0, -1)))
 
 
 def _product(matrix: Sequence[Sequence[Any]], vector: Vec3) -> Vec3:
@@ -306,15 +306,3 @@ def _after(q: Quat, turn: Vec3) -> Quat:
     factor = 0.5 - squared * (1.0 / 48.0 - squared / 3840.0)
     scale = (cosine * cosine + factor * factor * squared) ** -0.5
     return q.times(Quat(cosine * scale, *turn.scale(factor * scale).columns()))
-
-
-def _fields(table: np.ndarray) -> list[Any]:
-    """Entries of a table (K, ...) as lists of arrays (K,), or of floats where K is 1."""
-    if len(table) == 1:
-        return table[0].tolist()
-    return list(np.ascontiguousarray(np.moveaxis(table, 0, -1)))
-
-
-def _stacked(fields: Iterable[Any]) -> np.ndarray:
-    """Fields (K,) as columns (K, n)."""
-    return np.stack([np.asarray(x) for x in fields], axis=-1)

@@ -236,8 +236,8 @@ class Identification:
             if name not in self.fit.noise:
                 continue
             before, after = (
-                [part[:, columns[name]] for part in parts]
-                for parts in (self.fit.nominal_residuals, self.fit.residuals)
+                float(np.sqrt(np.nanmean(rows[:, columns[name]] ** 2)))
+                for rows in (self.fit.nominal_residuals, self.fit.residuals)
             )
             correlation, bound = self.fit.correlation(name)
             noise = self.fit.noise[name]
@@ -245,7 +245,7 @@ class Identification:
             explained = (beats or correlation <= bound) and not (
                 name == "attitude" and noise > _LARGEST_ANGLE
             )
-            result.append(Channel(name, _rms(before), _rms(after), correlation, bound, explained))
+            result.append(Channel(name, before, after, correlation, bound, explained))
         return result
 
     def notes(self) -> list[str]:
@@ -310,7 +310,3 @@ class Identification:
 
 def _positive(low: float, high: float) -> tuple[float, float]:
     return round(max(float(low), 0.0), 6), round(max(float(high), 0.0), 6)
-
-
-def _rms(parts: list[np.ndarray]) -> float:
-    return float(np.sqrt(np.nanmean(np.concatenate(parts) ** 2)))

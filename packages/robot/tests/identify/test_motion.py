@@ -37,9 +37,9 @@ def test_a_delayed_ramp_delivers_what_is_worked_by_hand() -> None:
     """Open from 0.5 s on, 0.1 s late, with a rise of 0.2 s: half of the rise is lost, then every second counts."""
     commands = np.zeros((6, 8))
     commands[1:, 3] = 1.0
-    thrust = Thrust.of(PLATFORM, log_of(commands))
-    late = np.array([0.1])
-    ramp = np.array([0.2])
+    thrust = Thrust.of(PLATFORM, [log_of(commands)])
+    late = np.array([[0.1]])
+    ramp = np.array([[0.2]])
     at = thrust.delivered(np.array([[0.55, 0.6, 0.7, 0.8, 2.0]]), late, ramp)[0, :, 3]
     assert at == pytest.approx([0.0, 0.0, 0.025, 0.1, 1.3], abs=1e-12)
     assert thrust.delivered(np.array([[2.0]]), late, ramp)[0, 0, 0] == 0.0
@@ -49,8 +49,8 @@ def test_a_pulse_is_part_of_its_period() -> None:
     craft = load_spacecraft("atmos")
     commands = np.zeros((5, len(craft.commands)))
     commands[1, 0] = 0.3
-    thrust = Thrust.of(craft, log_of(commands, 0.1))
-    none = np.zeros(1)
+    thrust = Thrust.of(craft, [log_of(commands, 0.1)])
+    none = np.zeros((1, 1))
     # 0.3 of a period of 0.1 s, in a pulse at its beginning.
     delivered = thrust.delivered(np.array([[0.1, 0.115, 0.13, 0.4]]), none, none)[0, :, 0]
     assert delivered == pytest.approx([0.0, 0.015, 0.03, 0.03], abs=1e-9)
@@ -66,10 +66,9 @@ def test_the_prediction_is_the_engine_s_motion(name: str) -> None:
         columns = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
         path = predicted(
             craft,
-            Thrust.of(craft, log),
+            Thrust.of(craft, [log]),
             physics_of(craft, values[None]),
             columns[:1],
-            log.times[:1],
             log.times[None],
         )[0]
         assert path.shape == (30, width)
@@ -156,7 +155,7 @@ def test_readings_between_kinks_are_exact() -> None:
     log = log_of(commands, 0.125)
     physics = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
     path = predicted(
-        PLATFORM, Thrust.of(PLATFORM, log), physics, np.zeros((1, 6)), np.zeros(1), log.times[None]
+        PLATFORM, Thrust.of(PLATFORM, [log]), physics, np.zeros((1, 6)), log.times[None]
     )
     turned = PLATFORM.wrench_map[int(forward[0])][2] / PLATFORM.inertia[2][2] * 0.125
     assert path[0, :, 5] == pytest.approx(
