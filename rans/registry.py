@@ -354,7 +354,8 @@ def _entry_points(group: str) -> list[EntryPoint]:
     points: dict[str, list[EntryPoint]] = {}
     for package in distributions():
         try:
-            points.setdefault(package.name, chosen(package))
+            if own := chosen(package):  # to read the name of every package takes ten times as long
+                points.setdefault(package.name, own)
         except Exception as error:  # metadata of other packages may hold anything
             points[package.name] = []
             if f"[{group}" in (package.read_text("entry_points.txt") or ""):
