@@ -14,8 +14,6 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
 
-import rans
-from rans.errors import ConfigError
 from rans.model.timing import Timing
 from rans.tasks import GoToPose
 from tests.support.processes import PATIENCE
@@ -82,11 +80,7 @@ def test_recording_a_video(tmp_path: Path) -> None:
     assert seconds == pytest.approx(frames / 50.0, abs=0.01)
 
 
-def test_wrong_use() -> None:
-    with pytest.raises(
-        ConfigError, match='render_mode must be None, "human" or "rgb_array", got \'ansi\''
-    ):
-        rans.SpacecraftEnv("go-to-pose", 2, render_mode="ansi")
+def test_a_batch_is_reset_before_it_steps() -> None:
     envs = gymnasium.make_vec(PLANE, num_envs=2, task=GoToPose())
     with pytest.raises(ResetNeeded, match="call reset"):
         envs.step(torch.zeros(2, 8))

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from rans.model.body import Body
 from rans.model.dynamics import thrust
-from rans.model.fields import Vec3
-from rans.model.rotation import Rotation
 from rans.model.spacecraft import Spacecraft
 
 
@@ -34,13 +31,3 @@ def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft: Spacecra
     # One supply for all has four nozzles' worth and a half open: 1 / (1 + 0.5 * 2.5).
     single = replace(Body.of(planar_craft), droop=0.5)
     assert thrust(planar_craft, (1.0, 1.0, 0.0, 1.0, 0.5), single)[0] == pytest.approx(1 / 2.25)
-
-
-def test_the_attitude_within_a_step_is_that_at_the_end_of_a_shorter_one() -> None:
-    """A rate of up to 0.5 rad/s over 0.1 s: its series leaves some 1e-13 within the step, of order five."""
-    rate = [Vec3(0.3, -0.4, 0.1), Vec3(0.02, 0.05, -0.03), Vec3(-0.004, 0.003, 0.006)]
-    part = 0.4
-    shorter = [x.scale(part**k) for k, x in enumerate(rate)]
-    within = Rotation(rate, 0.1).vector(part).columns()
-    end = Rotation(shorter, part * 0.1).vector(1.0).columns()
-    np.testing.assert_allclose(within, end, rtol=0, atol=1e-11)

@@ -70,14 +70,6 @@ def test_pushes_are_those_of_linear_programs(shared: bool) -> None:
     assert found == pytest.approx(quarters, rel=0.02)
 
 
-def test_two_thrusters_push_between_the_axes_of_the_floating_platform() -> None:
-    """Of eight thrusters of 1 N at 45 degrees four push along an axis, and two between the axes."""
-    craft = load_spacecraft("floating-platform")
-    columns = np.array(craft.wrench_map)
-    assert cone_pushes(columns) == pytest.approx([2.0] * 4)
-    assert balanced(columns)[:4] == pytest.approx([2.0 * math.sqrt(2.0)] * 4)
-
-
 def test_a_layout_that_cannot_turn_one_way_has_no_margin() -> None:
     # Four thrusters that push every way and turn to the left only.
     wheel = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.3], [-1.0, 0.0, 0.3], [0.0, -1.0, 0.3]])

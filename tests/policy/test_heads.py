@@ -40,6 +40,14 @@ def test_distributions_are_torchs(ours: Any, theirs: Any, action: torch.Tensor) 
     torch.testing.assert_close(ours.entropy(), theirs.entropy(), rtol=1e-12, atol=1e-12)
 
 
+def test_certain_thrusters_give_finite_numbers() -> None:
+    """A probability that rounds to 0 or 1 must not become infinity minus infinity."""
+    output = OnOff(torch.tensor([[-500.0, 500.0]]))
+    assert output.log_prob(torch.tensor([[0.0, 1.0]])).item() == 0.0
+    assert output.log_prob(torch.tensor([[1.0, 1.0]])).item() == -500.0
+    assert output.entropy().item() == 0.0
+
+
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_no_command_is_further_than_six_deviations(dtype: torch.dtype) -> None:
     """At either end of [0, 1], which a random number may round to, a command is infinitely far off else."""

@@ -18,17 +18,6 @@ from tests.support.engines import FLYER, PLATFORM
 from tests.support.filter_flights import COUNT, SEED, TIMING, in_body, made
 
 
-def test_what_a_thruster_gives_in_a_period() -> None:
-    """1 N for 0.2 s on 5.32 kg is 0.0376 m/s, at 45 degrees; 0.31 m off, on 0.2045 kg m^2, 0.3032 rad/s.
-
-    To as many places as are given.
-    """
-    one = made(PLATFORM, GoToPose(), 1.0)
-    assert np.abs(one.push) == pytest.approx(np.full((8, 2), 0.0376 * 0.7071), rel=1e-3)
-    assert np.abs(one.twist) == pytest.approx(np.full((8, 1), 0.3032), rel=1e-3)
-    assert one.sensitivities == ((0, 1, 0), (0, 0, 1), (0, 0, 0), (-1, 0, 0), (0, 0, 0))
-
-
 @pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (1.0, 0.0), (1e-3, 1.0), (0.03, 1.0)])
 def test_covariances_become_those_of_scipy(drift: float, response: float) -> None:
     """SciPy solves the algebraic Riccati equation of a pose and its velocity, read with equal noise.

@@ -30,42 +30,6 @@ SPATIAL_GOAL = spatial(attitude=(HALF, HALF, 0.0, 0.0))
 """A quarter turn about x instead: body y is world z."""
 
 
-def test_planar_observation() -> None:
-    """(cos, sin heading, v_x, v_y, w_z, flag, dx, dy, cos, sin of the turn left): paper, Table 1."""
-    expected = [0, 1, 0.1, 0.2, -0.5, 1, -0.3, 0.4, math.sqrt(3) / 2, 0.5]
-    assert observation(GoToPose(), PLANAR, PLANAR_GOAL) == pytest.approx(expected, abs=1e-15)
-
-
-def test_spatial_observation() -> None:
-    """R = [[0,-1,0],[1,0,0],[0,0,1]], R_goal = [[1,0,0],[0,0,-1],[0,1,0]], so that
-    R^T R_goal = [[0,0,-1],[-1,0,0],[0,1,0]]."""
-    expected = [
-        0,
-        -1,
-        0,
-        1,
-        0,
-        0,  # first two rows of R
-        0.1,
-        0.2,
-        0.3,
-        -0.1,
-        0.4,
-        0.5,
-        1,
-        -1,
-        -2,
-        2,
-        0,
-        0,
-        -1,
-        -1,
-        0,
-        0,  # first two rows of R^T R_goal
-    ]
-    assert observation(GoToPose(), SPATIAL, SPATIAL_GOAL) == pytest.approx(expected, abs=1e-15)
-
-
 def test_errors() -> None:
     assert GoToPose().errors(PLANAR, PLANAR_GOAL) == pytest.approx(
         {"position": 0.5, "attitude": math.pi / 6}

@@ -9,7 +9,7 @@ import pytest
 
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading, observation
+from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.rewards import Transition
 from tests.support.states import planar, spatial
 
@@ -26,34 +26,6 @@ SPATIAL = SpatialState(
 """A quarter turn about z."""
 SPATIAL_GOAL = spatial(attitude=(HALF, HALF, 0.0, 0.0), v=(0.2, 0.0, 0.1), w=(0.1, 0.5, 0.3))
 """0.3 m/s away (1-2-2), a quarter turn about x instead, 0.3 rad/s away (2-1-2)."""
-
-
-@pytest.mark.parametrize(
-    ("task", "data"),
-    [
-        (TrackVelocity(), [2, 0.3, -0.4, 0, 0]),
-        (TrackTwist(), [3, 0.3, -0.4, 0.75, 0]),
-        (TrackVelocityHeading(), [4, 0.3, -0.4, math.sqrt(3) / 2, 0.5]),
-    ],
-)
-def test_planar_observation(task: Any, data: list[float]) -> None:
-    """cos, sin heading, v, w, then flag and task data (paper, Table 1)."""
-    body = [0, 1, 0.1, 0.2, -0.5]
-    assert observation(task, PLANAR, PLANAR_GOAL) == pytest.approx([*body, *data], abs=1e-15)
-
-
-@pytest.mark.parametrize(
-    ("task", "data"),
-    [
-        (TrackVelocity(), [2, 0.1, -0.2, -0.2, 0, 0, 0, 0, 0, 0]),
-        (TrackTwist(), [3, 0.1, -0.2, -0.2, 0.2, 0.1, -0.2, 0, 0, 0]),
-        # R^T R_goal = [[0,-1,0],[1,0,0],[0,0,1]]^T [[1,0,0],[0,0,-1],[0,1,0]], its first two rows
-        (TrackVelocityHeading(), [4, 0.1, -0.2, -0.2, 0, 0, -1, -1, 0, 0]),
-    ],
-)
-def test_spatial_observation(task: Any, data: list[float]) -> None:
-    body = [0, -1, 0, 1, 0, 0, 0.1, 0.2, 0.3, -0.1, 0.4, 0.5]
-    assert observation(task, SPATIAL, SPATIAL_GOAL) == pytest.approx([*body, *data], abs=1e-15)
 
 
 @pytest.mark.parametrize(

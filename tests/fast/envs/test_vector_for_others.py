@@ -32,16 +32,17 @@ def actions(steps: int = STEPS) -> torch.Tensor:
     return torch.randint(2, (steps, COUNT, 8), generator=torch.Generator().manual_seed(1))
 
 
-def sync(mode: AutoresetMode) -> SyncVectorEnv:
+def sync(mode: AutoresetMode, conditions: str | None) -> SyncVectorEnv:
     """Gymnasium's own loop over single environments, each with every `COUNT`th episode of one seed."""
-    return SyncVectorEnv([partial(Numbered, place) for place in range(COUNT)], autoreset_mode=mode)
+    made = [partial(Numbered, place, conditions) for place in range(COUNT)]
+    return SyncVectorEnv(made, autoreset_mode=mode)
 
 
 class Numbered(gymnasium.Wrapper):
     """A single environment in this place of a batch."""
 
-    def __init__(self, place: int) -> None:
-        super().__init__(gymnasium.make(PLANE, task=NEAR, timing=SHORT))
+    def __init__(self, place: int, conditions: str | None) -> None:
+        super().__init__(gymnasium.make(PLANE, task=NEAR, timing=SHORT, conditions=conditions))
         self._next = place
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
@@ -56,11 +57,13 @@ class Numbered(gymnasium.Wrapper):
 SEED = 2**63 + 5
 
 
-@pytest.mark.parametrize("mode", [AutoresetMode.SAME_STEP, AutoresetMode.NEXT_STEP])
-def test_every_mode_is_gymnasiums_own(mode: AutoresetMode) -> None:
+@pytest.mark.parametrize(
+    ("mode", "conditions"), [(AutoresetMode.SAME_STEP, None), (AutoresetMode.NEXT_STEP, "lab")]
+)
+def test_every_mode_is_gymnasiums_own(mode: AutoresetMode, conditions: str | None) -> None:
     """Observation, reward and ends of 50 steps."""
-    ours = make(autoreset_mode=mode, dtype=torch.float64)
-    theirs = sync(mode)
+    ours = make(autoreset_mode=mode, dtype=torch.float64, conditions=conditions)
+    theirs = sync(mode, conditions)
     assert ours.autoreset_mode == ours.metadata["autoreset_mode"] == mode
     one, _ = ours.reset(seed=SEED)
     other, _ = theirs.reset(seed=1)
