@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import rans
 from rans.extend import (
@@ -90,13 +91,12 @@ class Excited:
         self._left -= 1
         if self._craft.dimension == 2:
             # Cosine and sine of the heading, velocity, spin, a flag, and the way to the goal.
-            c, s = row[:2]
-            parts = -row[6:8], np.array([[c, -s], [s, c]]), row[2:4], row[4:5]
+            parts = -row[6:8], [np.arctan2(row[1], row[0])], row[2:5]
         else:
-            x = row[:3]
-            y = row[3:6]
-            parts = -row[13:16], np.array([x, y, np.cross(x, y)]), row[6:9], row[9:12]
-        return self._excitation.choose(*parts).astype(np.float32)
+            axes = np.array([row[:3], row[3:6], np.cross(row[:3], row[3:6])])
+            turn = Rotation.from_matrix(axes).as_quat(scalar_first=True)
+            parts = -row[13:16], turn, row[6:12]
+        return self._excitation.choose(np.concatenate(parts)).astype(np.float32)
 
 
 def write_excitation(

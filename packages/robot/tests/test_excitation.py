@@ -53,8 +53,8 @@ def information() -> float:
     make = Excitation(craft, 0.2, 3.0, 0)
     total = np.eye(make.size)
     for _ in range(100):
-        command = make.choose(np.zeros(2), np.eye(2), np.zeros(2), np.zeros(1))
-        (rows,) = make.regressors(command[None], np.eye(2)) * 20.0
+        command = make.choose(np.zeros(6))
+        (rows,) = make.after(command[None], np.zeros(6), 0.2)[1]
         total += rows.T @ rows
     return float(np.linalg.slogdet(total)[1])
 
