@@ -37,8 +37,6 @@ class Replay:
     title: str
 
     def __post_init__(self) -> None:
-        self.written = ""
-        """What a file that the flights were written to is, in a sentence; empty: there is none."""
         self._html: str | None = None
         self._served: Served | None = None
 
@@ -55,52 +53,28 @@ class Replay:
         return self._html
 
     def save(self, file: str | Path) -> Path:
-        """Write the page to an HTML file that replays offline, and return the file.
+        """Write the flights to a file and return it: a page, a film or a picture, by the ending of its name.
 
-        Raises:
-            ConfigError: the name has another ending, or the disk refused.
-        """
-        file = Path(file)
-        if file.suffix != ".html":
-            raise ConfigError(
-                f"a replay is a page, whose name must end in .html, got {str(file)!r}."
-            )
-        write_text(file, self.html())
-        return file
-
-    def film(self, file: str | Path) -> Path:
-        """Write all flights, side by side, as a film (.mp4 or .gif).
-
-        Raises:
-            ConfigError: FFmpeg is not installed, or the name has another ending.
-        """
-        from rans.show.film import check_video, save_video
-        from rans.show.progress import watched
-
-        file = Path(file)
-        check_video(file)
-        with watched() as stage:
-            save_video(self.flights, file, stage)
-        return file
-
-    def write(self, file: Path) -> str:
-        """Write a page, a film or a picture by the ending of its name, and return what it is in a sentence.
+        A page replays offline, a film has all flights side by side, and a picture ten instants of the first one.
 
         Raises:
             ConfigError: the name has another ending, a package is missing, or the disk refused.
         """
-        names = ", ".join(dict.fromkeys(flight.controller for flight in self.flights))
-        kind = kind_of_flights(file)
+        file = Path(file)
+        kind = checked_kind(file)
         if kind == "page":
-            self.save(file)
-            return f"{file} replays {names} in any browser."
-        if kind == "film":
-            self.film(file)
-            return f"{file} is a video of {names}."
-        from rans.show.film import save_frames
+            write_text(file, self.html())
+        elif kind == "film":
+            from rans.show.film import save_video
+            from rans.show.progress import watched
 
-        save_frames(self.flights[0], 0, file)
-        return f"Ten frames of {self.flights[0].controller} are in {file}."
+            with watched() as stage:
+                save_video(self.flights, file, stage)
+        else:
+            from rans.show.film import save_frames
+
+            save_frames(self.flights[0], 0, file)
+        return file
 
     def open(self) -> str:
         """Open the page in the browser and return its address; it is served while this Python process runs."""
@@ -166,7 +140,7 @@ def view(
     if not contestants:
         raise ConfigError('say who flies, as in rans.view("go-to-pose-2d").')
     if save is not None:
-        check_file_of_flights(Path(save))
+        checked_kind(Path(save))
     # What is wrong is refused before anything flies.
     endpoints = own_endpoints(start, goal, zones)
     count = whole("episodes", episodes)
@@ -176,23 +150,15 @@ def view(
     label = None if conditions is None else str(getattr(conditions, "description", conditions))
     replay = Replay(shown, title_of(shown, label))
     if save is not None:
-        replay.written = replay.write(Path(save))
+        replay.save(save)
     return replay
 
 
-def check_file_of_flights(file: Path) -> None:
-    """Refuse (`ConfigError`), before anything flies, a file that `Replay.write` does not write."""
-    if kind_of_flights(file) == "film":
-        from rans.show.film import check_video
-
-        check_video(file)
-
-
-def kind_of_flights(file: Path) -> Literal["page", "film", "picture"]:
-    """Kind of a file of flights by the ending of its name.
+def checked_kind(file: Path) -> Literal["page", "film", "picture"]:
+    """Kind of a file of flights by the ending of its name, before anything flies.
 
     Raises:
-        ConfigError: the ending is of none.
+        ConfigError: the ending is of none, or the file cannot become a film.
     """
     endings: dict[str, Literal["page", "film", "picture"]] = {
         ".html": "page",
@@ -209,6 +175,10 @@ def kind_of_flights(file: Path) -> Literal["page", "film", "picture"]:
             "save writes a page (.html), a film (.mp4 or .gif) or a picture (.png or .jpg), by the ending of "
             f"the file's name, got {str(file)!r}."
         )
+    if kind == "film":
+        from rans.show.film import check_video
+
+        check_video(file)
     return kind
 
 

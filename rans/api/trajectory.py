@@ -94,16 +94,9 @@ class OptimalTrajectory(Optimum, ControlHistory):
 
     def plot(self) -> Figure:
         """As `ControlHistory.plot`, with the balls of ``keep_out`` around the goal at the end."""
-        from rans.show.figures.panels import keep_out
+        from rans.show.figures.figures import episode_figure
 
-        figure = super().plot()
-        if self.keep_out:
-            # The path is drawn from the goal.
-            axes = figure.axes[0]
-            goal = [float(np.ravel(x)[-1]) for x in self.replay("drake").goals.p.columns()]
-            keep_out(axes, self.keep_out, goal)
-            axes.legend(loc="best", frameon=False, fontsize="small")
-        return figure
+        return episode_figure(self.replay("drake"), zones=self.keep_out)
 
     @property
     def t(self) -> np.ndarray:

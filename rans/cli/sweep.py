@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shlex
 import time
 from dataclasses import replace
@@ -19,7 +18,6 @@ from rans.cli.train import compile_in_this_process, trust_option, value_of
 from rans.errors import ConfigError, counted
 from rans.registry import typed
 from rans.show.progress import NowAndThen
-from rans.table import Table
 from rans.terminal import Terminal
 
 if TYPE_CHECKING:
@@ -72,6 +70,7 @@ class Sweep(Options):
         if not first:
             return code
         from rans.fast.learn.config import craft_of
+        from rans.show.pages.report import sweep_table
         from rans.show.sweep_files import save_sweep
 
         config = sweep.members[0].config
@@ -82,7 +81,8 @@ class Sweep(Options):
             Terminal().say(f"{how}; {folder} has none. Begin anew with: {again}")
             return code or 1
         save_sweep(sweep, folder)
-        Terminal().table(_table(sweep))
+        best = sweep.members.index(sweep.best())
+        Terminal().table(sweep_table({"members": sweep.results(), "best": best}))
         solved = sum(member.solved for member in sweep.members)
         rate = f" ({sweep.timed_steps / max(sweep.seconds, 1e-9):,.0f} steps/s of all together)"
         trained = "nothing was left to train" if not sweep.timed_steps else ""
@@ -134,49 +134,6 @@ def _choices(text: str) -> tuple[str, list[Any]]:
         return key, json.loads(f"[{values}]")
     except (ValueError, RecursionError):
         return key, [*map(value_of, values.split(","))]
-
-
-def _table(sweep: Trainings) -> Table:
-    """Table with one row per member in the order of the sweep, the best marked."""
-    from rans.evaluation.measure.statistics import figure
-    from rans.fast.learn.sweep import short
-    from rans.tasks.quantities import QUANTITIES
-
-    results = sweep.results()
-    best = sweep.members.index(sweep.best())
-    errors = {
-        name: QUANTITIES[name.rsplit("/", 1)[1]].display
-        for name in dict.fromkeys(name for row in results for name in row)
-        if name.startswith("error/")
-    }
-    heads = [f"{name.removeprefix('error/')}\n{unit}" for name, (_, unit) in errors.items()]
-    varied = [short(name).replace("_", "\n") for name in sweep.varied]
-    columns = (
-        "seed",
-        *varied,
-        "solved",
-        "steps\nM",
-        "time\ns",
-        "success\n%",
-        "duty\n%",
-        *heads,
-    )
-    rows = []
-    for row in results:
-        ended = "diverged" if row["diverged"] else "yes" if row["solved"] else "no"
-        choice = [json.dumps(row[name], separators=(",", ":")) for name in sweep.varied]
-        numbers = [
-            row["steps"] / 1e6,
-            row.get("seconds", math.nan),
-            100.0 * row["success"],
-            100.0 * row.get("duty", math.nan),
-            *(factor * row.get(name, math.nan) for name, (factor, _) in errors.items()),
-        ]
-        rows.append(
-            (str(row["seed"]), *choice, ended, *(figure(number, ".2f") for number in numbers))
-        )
-    marked = [number for number, row in enumerate(results) if row["member"] == best]
-    return Table(columns, rows, right=columns[len(varied) + 2 :], marked=marked)
 
 
 def progress(sweep: Trainings) -> str:

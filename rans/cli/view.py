@@ -60,10 +60,10 @@ class View(Options):
             return self._play()
         replay = self.call()
         self._say_of_losses(replay.flights[0])
+        names = ", ".join(dict.fromkeys(flight.controller for flight in replay.flights))
         if self.save is not None:
-            Terminal().say(replay.written)
+            Terminal().say(f"{self.save} shows {names}.")
             return 0
-        names = ", ".join(flight.controller for flight in replay.flights)
         _serve(replay.html, f"{names}: shown at")
         return 0
 

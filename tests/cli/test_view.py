@@ -32,7 +32,7 @@ def test_a_replay_is_saved(capsys: pytest.CaptureFixture[str]) -> None:
     options = "--episodes 2 --engine drake --save replay.html"
     assert main([*f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}".split()]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("replay.html replays LQR in any browser.\n")
+    assert printed.startswith("replay.html shows LQR.\n")
     assert Path("replay.html").stat().st_size < 5e5
     assert (
         "<title>go-to-pose, floating-platform and free-flyer</title>"
@@ -105,4 +105,4 @@ def test_every_option_reaches_the_flights(
     assert asked == [("LQR", 8, 3, "drake", 4, 1.0), ("MPC", 8, 3, "drake", 4, 1.0)]
     [(flight, number, file)] = framed
     assert (flight.controller, number, file) == ("LQR", 0, Path("ten.png"))
-    assert capsys.readouterr().out.startswith("Ten frames of LQR are in ten.png.\nNext:\n")
+    assert capsys.readouterr().out.startswith("ten.png shows LQR, MPC.\nNext:\n")

@@ -168,8 +168,9 @@ def assure(
     from rans.extend import ready_folder, torch_device, write_json
     from rans.fast.distributed import join
     from rans.show.progress import watched
-    from rans_assurance.assure.assurance import made
+    from rans_assurance.assure.assurance import Assurance
     from rans_assurance.assure.bounds import plan
+    from rans_assurance.assure.campaign import Campaign
     from rans_assurance.assure.search import check_unit
 
     # What is wrong is refused before anything flies.
@@ -177,19 +178,19 @@ def assure(
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", ASSURED if episodes is None else episodes)
     in_memory = agent if isinstance(agent, AgentData) else None
-    assurance = made(
+    assurance = Assurance(
         (in_memory.spec or in_memory.name) if in_memory else str(agent),
         None if conditions is None else str(getattr(conditions, "description", conditions)),
-        conditions_if_named(conditions),
-        plan(confidence, episodes, failure_below),
-        seed,
-        made_by("rans.assure"),
-        trust,
-        in_memory.run if in_memory else None,
+        Campaign(plan(confidence, episodes, failure_below), seed),
+        command=made_by("rans.assure"),
+        trust=trust,
+        world=conditions_if_named(conditions),
+        given=in_memory.run if in_memory else None,
     )
+    craft = assurance.run.craft
     unit = None
     if search:
-        unit = load_conditions(search, assurance.run.craft)
+        unit = load_conditions(search, craft)
         check_unit(search, unit)
         assurance.check_has_network()
     if output is not None:

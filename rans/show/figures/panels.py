@@ -68,6 +68,8 @@ STYLE: dict[Any, Any] = {
 PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
 """Numbers along an axis: as they are."""
 
+Zones = Sequence[Sequence[float]]
+"""Balls that stand still: coordinates of the centre in W, then the radius, of each, m."""
 Pick = Callable[[np.ndarray], np.intp]
 """Chooses an episode by its mean over time: ``np.argmin`` or ``np.argmax``."""
 
@@ -204,8 +206,8 @@ def from_goal(flight: Flight) -> list[np.ndarray]:
     return [np.asarray(x) for x in (flight.states.p - flight.goals.p).columns()]
 
 
-def path(figure: SubFigure, flight: Flight, episode: int, colour: str = BLUE) -> None:
-    """The way of one episode with the direction of the body's x axis once a second."""
+def path(figure: SubFigure, flight: Flight, episode: int, zones: Zones) -> None:
+    """The way of one episode with the direction of the body's x axis once a second, and zones to keep out of."""
     path = [x[:, episode] for x in from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
     nose = rotations(map_leaves(lambda x: x[:, episode], flight.states))[:, : len(path), 0].T
@@ -217,8 +219,8 @@ def path(figure: SubFigure, flight: Flight, episode: int, colour: str = BLUE) ->
     else:
         axes.quiver(*arrows, color=GREY, angles="xy", scale=14.0, width=0.005, zorder=3)
     axes.plot([], [], color=GREY, label="body's x axis, once a second")
-    _scenery(axes, flight, episode)
-    axes.plot(*path, color=colour, zorder=2)
+    _scenery(axes, flight, episode, zones)
+    axes.plot(*path, color=BLUE, zorder=2)
     axes.plot(*([x[0]] for x in path), "o", color=INK, label="start")
     if "position" in flight.errors():
         axes.plot(*([0.0] for _ in path), "+", color=RED, markersize=10, label="goal")
@@ -227,14 +229,16 @@ def path(figure: SubFigure, flight: Flight, episode: int, colour: str = BLUE) ->
     label(axes, f"(a) path of episode {episode}", *_places(flight))
 
 
-def _scenery(axes: Any, flight: Flight, episode: int) -> None:
-    """Zones and cones as seen from the goal: dotted as the episode begins, full as it ends."""
+def _scenery(axes: Any, flight: Flight, episode: int, zones: Zones) -> None:
+    """Zones and cones, also such that stand still, as seen from the goal: dotted as it begins, full as it ends."""
     last = len(flight.times) - 1
     if flight.lengths is not None:
         last = int(flight.lengths[episode])
     dimension = len(flight.states.p.columns())
     reach = max(float(np.abs(x[:, episode]).max()) for x in from_goal(flight))
     labelled = set()
+    vector = Vec2 if dimension == 2 else Vec3
+    still = [Ball(vector(*p), vector(*p).scale(0.0), radius) for *p, radius in zones]
     for instant, line in ((0, ":"), (last, "-")):
 
         def now(x: Any, instant: int = instant) -> float:
@@ -242,7 +246,7 @@ def _scenery(axes: Any, flight: Flight, episode: int) -> None:
 
         goal = map_leaves(now, flight.goals)
         origin = columns(goal.p)
-        for shape in flight.task.scenery(goal):
+        for shape in (*flight.task.scenery(goal), *still):
             keep_out = isinstance(shape, Ball)
             name = f"{'keep-out zone' if keep_out else 'approach cone'}, dotted at first"
             for outline in outlines(shape, reach):
@@ -254,26 +258,6 @@ def _scenery(axes: Any, flight: Flight, episode: int) -> None:
                     label="" if name in labelled else name,
                 )
                 labelled.add(name)
-
-
-def keep_out(axes: Any, balls: Sequence[Sequence[float]], origin: Sequence[float]) -> None:
-    """Outlines of keep-out balls that stand still: coordinates of the centre, then the radius, of each, m.
-
-    Args:
-        axes: axes, with z for balls in space.
-        balls: balls in W.
-        origin: what is at the origin of the axes, in W, m.
-    """
-    for number, (*centre, radius) in enumerate(balls):
-        vector = Vec2(*centre) if len(centre) == 2 else Vec3(*centre)
-        for outline in outlines(Ball(vector, vector.scale(0.0), radius), radius):
-            axes.plot(
-                *(outline[:, : len(centre)] - origin).T,
-                color=RED,
-                linewidth=0.9,
-                label="" if number else "keep-out zone",
-            )
-            number = 1
 
 
 def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:

@@ -33,6 +33,7 @@ from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.outline import Outline
+from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.traced import parameters, policy_program
@@ -146,26 +147,27 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
         ConfigError: this is neither, or the page cannot compute its policy or its task.
     """
     controller = run.controller
-    if isinstance(controller, Law):
-        return _guided(controller, run, seed, episode)
-    if not isinstance(controller, Agent):
+    network = controller.network if isinstance(controller, Agent) else None
+    if network is None and not isinstance(controller, Law):
         raise ConfigError(
             f"{controller.name} is no trained agent: a page flies the network of a run folder or of an agent that "
             "comes with RANS, mission guidance, such as mission:dock-3d, or a controller with `command` "
             "(examples/single_file/controller.py). `rans view` without --play replays every controller."
         )
-    architecture = controller.network.architecture
-    if missing := JAVASCRIPT.missing(architecture):
+    if network is not None and (missing := JAVASCRIPT.missing(network.architecture)):
         raise ConfigError(f"{controller.name} has {missing}, which no page computes.")
     setup = run.judged
     world = interactive_world(setup, FRAME * pace(setup))
-    tables = parameters(controller.network)
+    tables = {} if network is None else parameters(network)
     try:
         traced = _Traced(world)
         text = [
             traced.begin(),
             traced.describe(),
-            traced.act(controller, tables),
+            # Guidance knows its state and a world as designed.
+            traced.guided(informed(controller, None))
+            if network is None
+            else traced.act(network, tables),
             traced.advance(),
         ]
     except UNTRACEABLE as error:
@@ -176,32 +178,19 @@ def playground(run: LoadedRun, seed: int = EVALUATION_SEED, episode: int = 0) ->
     names = [name for name in tables if name.endswith(".weight")]
     size = sum(tables[name].size for name in names)
     bits = next(bits for limit, bits in _BITS.items() if size <= limit)
-    data = page_data(
-        traced.world,
-        traced.episode.state,
-        traced.episode.goal,
-        run,
-        seed,
-        episode,
-        architecture.memory,
-    ) | {"bits": bits}
+    memory = 0 if network is None else network.architecture.memory
+    begun = traced.episode
+    data = page_data(traced.world, begun.state, begun.goal, run, seed, episode, memory)
+    if network is not None:
+        data["bits"] = bits
     layers = {
         name.removesuffix(".weight"): _packed(
             tables[name], tables[name.removesuffix("weight") + "bias"], bits
         )
         for name in names
     }
-    return Playground(title_of(run), _script(data, layers, text), data)
-
-
-def _guided(guidance: Law, run: LoadedRun, seed: int, episode: int) -> Playground:
-    """The page of mission guidance or of a user's law, which knows its state and a world as designed."""
-    nominal: Any = informed(guidance, None)
-    setup = run.judged
-    traced = _Traced(interactive_world(setup, FRAME * pace(setup)))
-    text = [traced.begin(), traced.describe(), traced.guided(nominal), traced.advance()]
-    data = page_data(traced.world, traced.episode.state, traced.episode.goal, run, seed, episode, 0)
-    return Playground(title_of(run), _script(data, {}, text), data, "guidance")
+    kind = "guidance" if network is None else "agent"
+    return Playground(title_of(run), _script(data, layers, text), data, kind)
 
 
 def pace(setup: Setup) -> int:
@@ -249,7 +238,7 @@ class _Traced:
         """``begin([low, high, number])``: what is carried at an episode's start."""
         return function("begin", {"words": self._words}, {"carried": leaves(self._begun)})
 
-    def act(self, agent: Agent, tables: Mapping[str, np.ndarray]) -> str:
+    def act(self, network: Network, tables: Mapping[str, np.ndarray]) -> str:
         """``act(carried, errors, memory)``: commands in the craft's ranges, outputs, and the memory afterwards.
 
         Errors are those of the measured state, coordinates around the true one.
@@ -258,7 +247,7 @@ class _Traced:
         """
         world = self.world
         errors, observation = self._observed()
-        architecture = agent.network.architecture
+        architecture = network.architecture
         program = policy_program(architecture)
         memory = inputs("memory", architecture.memory)
         values: dict[str, Any] = {"observation": observation}
@@ -279,7 +268,7 @@ class _Traced:
         arguments = {"carried": self.carried, "errors": errors, "memory": memory}
         return function("act", arguments, results, stages)
 
-    def guided(self, guidance: Law) -> str:
+    def guided(self, guidance: Any) -> str:
         """``act(carried, errors, memory)``: commands of guidance for the measured state, without a memory."""
         errors, measured = self._measured()
         command = guidance.command(measured, self.episode.goal)

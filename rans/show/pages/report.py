@@ -5,6 +5,7 @@ Files in a run folder may be of older versions or a stranger's: every value is c
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ from rans.show.pages.page import Fact, Finding, Page, Picture, Section, Tile, he
 from rans.show.pages.race import median_and_slowest
 from rans.show.palette import ORANGE, series_style
 from rans.table import Table
+from rans.tasks.quantities import QUANTITIES
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
@@ -288,16 +290,44 @@ def training_section(
     )
 
 
+def sweep_table(sweep: Mapping[str, Any]) -> Table:
+    """A row a member in the order of a sweep, the best marked; errors are those at the end of episodes."""
+    members = sweep["members"]
+    keys = list(members[0])
+    varied = keys[keys.index("seed") + 1 : keys.index("solved")]
+    errors = {
+        key: QUANTITIES[key.rsplit("/", 1)[1]].display
+        for key in dict.fromkeys(key for member in members for key in member)
+        if key.startswith("error/")
+    }
+    columns = (
+        "seed",
+        *(key.rsplit(".", 1)[-1].replace("_", "\n") for key in varied),
+        "solved",
+        "steps\nM",
+        "time\ns",
+        "success\n%",
+        "duty\n%",
+        *(f"{key.removeprefix('error/')}\n{unit}" for key, (_, unit) in errors.items()),
+    )
+    factors = {"steps": 1e-6, "seconds": 1.0, "success": 100.0, "duty": 100.0}
+    factors |= {key: factor for key, (factor, _) in errors.items()}
+    rows = [
+        (
+            str(member["seed"]),
+            *(json.dumps(member[key], separators=(",", ":")) for key in varied),
+            "diverged" if member["diverged"] else "yes" if member["solved"] else "no",
+            *(figure(k * number(member.get(key, math.nan)), ".2f") for key, k in factors.items()),
+        )
+        for member in members
+    ]
+    best = [k for k, member in enumerate(members) if member["member"] == sweep["best"]]
+    return Table(columns, rows, right=columns[len(varied) + 2 :], marked=best)
+
+
 def _sweep(file: Path, sweep: Mapping[str, Any]) -> Section:
     """Section of a sweep: results of every member, and how each learned, from the file of all rows."""
     members = sweep["members"]
-    keys = list(sweep["members"][0])
-    varied = keys[keys.index("seed") + 1 : keys.index("solved")]
-    rows = [
-        [member[key] for key in ("member", "seed", *varied, "solved")]
-        + [f"{member['steps']:,}", f"{member['success']:.1%}"]
-        for member in members
-    ]
     solved = f"{sum(member['solved'] for member in members)} of {counted(len(members), 'member')}"
     best = str(sweep["best"])
     lines = read_json_lines(file) if file.is_file() else []
@@ -318,12 +348,10 @@ def _sweep(file: Path, sweep: Mapping[str, Any]) -> Section:
     caption = "Episodes solved while training; the best is orange."
     chart = Chart("environment steps a member", "solved, %", series, caption)
     pictures = [] if chart.is_empty else [Picture.of(chart)]
-    table = Table(("member", "seed", *varied, "solved", "steps", "episodes solved"), rows)
     return Section(
         "Sweep",
-        "",
-        [table],
-        pictures,
+        tables=[sweep_table(sweep)],
+        pictures=pictures,
         findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
         summary=[Fact("members that solved the task", solved), Fact("best member", best)],
     )

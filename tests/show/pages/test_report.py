@@ -176,8 +176,9 @@ def test_a_sweep_is_a_row_a_member(tmp_path: Path) -> None:
     (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, members)))
     (page,) = report_from_run(tmp_path).sections
     (table,) = page.tables
-    assert list(table.columns)[3:] == ["solved", "steps", "episodes solved"]
-    assert table.rows[1] == [1, 1, 1e-3, True, "2,000", "100.0%"]
+    assert table.columns[:4] == ("seed", "learning\nrate", "solved", "steps\nM")
+    assert table.rows[1][:5] == ("1", "0.001", "yes", "0.00", "-")
+    assert table.marked == [1]
     assert page.findings[0].text == "1 of 2 members solved the task; the best is member 1."
 
 

@@ -37,7 +37,7 @@ from rans.fast.distributed import ALONE, Processes
 from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions_file import conditions_label
 from rans.verdict import kinds_of_failure
-from rans_assurance.assure.bounds import CampaignPlan, ProbabilityBound
+from rans_assurance.assure.bounds import ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.replay import Replays, replays
 from rans_assurance.assure.search import Searched, on_device, searched
@@ -82,7 +82,7 @@ class Assurance:
             ConfigError: there is no such agent, or it has several tasks and none was picked.
         """
         if self.given is not None:
-            return self.given
+            return self.given.under(self.world)
         result = contestant(self.spec, trust=self.trust).under(self.world)
         if len(parts := judged_separately(self.spec)) > 1:
             raise ConfigError(
@@ -314,27 +314,3 @@ def _bound(bound: ProbabilityBound) -> dict[str, float]:
         "at least": bound.low,
         "at most": bound.high,
     }
-
-
-def made(
-    spec: str,
-    conditions: str | None,
-    world: Conditions | None,
-    plan: CampaignPlan,
-    seed: int,
-    command: str,
-    trust: bool = False,
-    given: LoadedRun | None = None,
-) -> Assurance:
-    """Assurance without flights, of a contestant under conditions and their name, or of a given agent.
-
-    Raises:
-        ConfigError: as `Assurance.run`.
-    """
-    campaign = Campaign(plan, seed)
-    flown = None if given is None else given.under(world)
-    new = Assurance(
-        spec, conditions, campaign, command=command, trust=trust, world=world, given=flown
-    )
-    _ = new.run
-    return new
