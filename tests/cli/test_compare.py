@@ -50,18 +50,6 @@ def test_writes_page_and_numbers(
     assert {"compare.svg", "compare.pdf"} <= {file.name for file in tmp_path.iterdir()}
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_a_failure_is_told_and_the_rest_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    failing = "python:tests.support.policies:broken"
-    options = f"--with lqr --episodes 2 --output {tmp_path}"
-    assert main(f"compare lqr:go-to-pose-2d {failing} {options}".split()) == 1
-    assert "KeyError: 'no such layer'" in capsys.readouterr().out
-    assert len(json.loads((tmp_path / "compare.json").read_text())["failures"]) == 1
-
-
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_while_it_certifies_it_prints_what_is_finished(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

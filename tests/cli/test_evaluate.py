@@ -4,7 +4,6 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -115,17 +114,6 @@ def test_the_seed_decides(run_folder: Path) -> None:
         written = json.loads((run_folder / "evaluation.json").read_text())
         results.append(written["fast"])
     assert results[0] == results[1] != results[2]
-
-
-def test_wrong_arguments(refused: Any, run_folder: Path, tmp_path: Path) -> None:
-    said = refused(f"evaluate {run_folder} --episodes 0")
-    assert "--episodes must be a whole number >= 1 and < 2^31, got 0" in said
-    assert "is not a run folder" in refused(f"evaluate {tmp_path}/nowhere")
-    (run_folder / "agent.safetensors").write_bytes(b"rubbish")
-    assert "agent.safetensors is damaged" in refused(f"evaluate {run_folder}")
-    (run_folder / "agent.safetensors").unlink()
-    said = refused(f"evaluate {run_folder}")
-    assert "has no agent.safetensors: its training has not" in said
 
 
 def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -352,8 +352,11 @@ def _sweep(file: Path, sweep: Mapping[str, Any]) -> Section:
         "Sweep",
         tables=[sweep_table(sweep)],
         pictures=pictures,
-        findings=[Finding(f"{solved} solved the task; the best is member {best}.")],
-        summary=[Fact("members that solved the task", solved), Fact("best member", best)],
+        findings=[Finding(f"{solved} solved the task; the best is members/{best}.")],
+        summary=[
+            Fact("members that solved the task", solved),
+            Fact("best agent", f"members/{best}"),
+        ],
     )
 
 

@@ -179,7 +179,7 @@ def test_a_sweep_is_a_row_a_member(tmp_path: Path) -> None:
     assert table.columns[:4] == ("seed", "learning\nrate", "solved", "steps\nM")
     assert table.rows[1][:5] == ("1", "0.001", "yes", "0.00", "-")
     assert table.marked == [1]
-    assert page.findings[0].text == "1 of 2 members solved the task; the best is member 1."
+    assert page.findings[0].text == "1 of 2 members solved the task; the best is members/1."
 
 
 def test_the_result_is_above_everything(run: Path) -> None:
