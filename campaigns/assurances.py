@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import torch
-from rans_assurance.assure.assurance import made
+from rans_assurance.assure.assurance import Assurance
 from rans_assurance.assure.bounds import plan
+from rans_assurance.assure.campaign import Campaign
 from tyro.conf import Positional
 
 from campaigns.table import table
@@ -80,13 +81,12 @@ class Assurances:
         return 0
 
     def _assure(self, spec: str, conditions: str) -> None:
-        assurance = made(
+        assurance = Assurance(
             spec,
             conditions,
-            load_conditions(conditions),
-            plan(_CONFIDENCE, self.flights, None),
-            self.seed,
-            f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}",
+            Campaign(plan(_CONFIDENCE, self.flights, None), self.seed),
+            command=f"rans assure '{spec}' --conditions {conditions} --episodes {self.flights}",
+            world=load_conditions(conditions),
         )
         file = _file(self.docs, spec, conditions)
         file.parent.mkdir(parents=True, exist_ok=True)
