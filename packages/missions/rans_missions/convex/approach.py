@@ -9,7 +9,6 @@ the engine and of guidance.
 
 from __future__ import annotations
 
-import heapq
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -18,13 +17,13 @@ from typing import Any
 import numpy as np
 
 from rans.extend import Ball, Cone, Spacecraft, SpeedLimit, Timing, leaves, map_leaves
-from rans_missions.convex.demands import Demands
 from rans_missions.convex.rendezvous import (
+    Flights,
     Meeting,
     MeetingTransfer,
+    at_checks,
     forces_in_w,
-    instant_bounds,
-    ranges_of_arrivals,
+    least_over_arrivals,
     successive,
 )
 from rans_missions.tasks.final_approach import FinalApproach
@@ -149,27 +148,17 @@ def least_to_approach(meeting: PortMeeting, start: np.ndarray) -> tuple[float, i
         meeting: the port and its corridor.
         start: (6,) position (m) and velocity (m/s) in W.
     """
-    last = len(meeting.path) - 1
-    # Of a meeting without a corridor, which costs less but is known for every arrival.
-    instants = instant_bounds(meeting, start, last)
-
-    def bound_of(first: int, end: int) -> float:
-        within = float(instants[first : end + 1].min())
-        return max(within, bound_of_range(meeting, start, first, end))
-
-    queue = [(bound_of(*one), *one) for one in ranges_of_arrivals(last, meeting.interval)]
-    heapq.heapify(queue)
-    while True:
-        bound, first, end = heapq.heappop(queue)
-        if (end - first) * meeting.interval < _NARROWEST:
-            return bound, end
-        middle = (first + end) // 2
-        for a, b in (first, middle), (middle + 1, end):
-            heapq.heappush(queue, (max(bound, bound_of(a, b)), a, b))
+    return least_over_arrivals(
+        meeting,
+        start,
+        len(meeting.path) - 1,
+        lambda first, end: bound_of_range(meeting, start, first, end),
+        _NARROWEST,
+    )
 
 
 def bound_of_range(meeting: PortMeeting, start: np.ndarray, first: int, end: int) -> float:
-    """Impulse below which no flight docks at a check between two, N s, by weak duality (`Demands`).
+    """Impulse below which no flight docks at a check between two, N s, by weak duality (`ConeProgram.bound`).
 
     A flight that docks at one of them is near the port at the first of them, and inside the cone at checks before;
     infinite: nothing docks there.
@@ -184,26 +173,15 @@ def bound_of_range(meeting: PortMeeting, start: np.ndarray, first: int, end: int
     inside = len(meeting.away) - 1 - ahead
     if inside < 0:
         return 0.0
+    flights = Flights(meeting, start, first, spare=0.0)
     # Near the port at the first check, in balls that are as large as it was far away then.
-    near = meeting.demands(start, np.array([first]))
-    tails, gains, widths = [*near.tail], [*near.gain], [*near.width]
-    heads = [meeting.away[ahead], meeting.hurry[ahead]]
+    flights.be_within(first, (float(meeting.away[ahead]), float(meeting.hurry[ahead])))
     # Inside the cone at the first check and before.
-    tangent = math.tan(float(meeting.cone.half_angle))
     instants = np.unique(first - np.round(inside * np.array(_INSTANTS)).astype(int))
     for at in instants[instants > 0].tolist():
-        apex, axis = (one[at] for one in meeting.corridor)
-        offset = meeting.free(start, np.array([at]))[0, :3] - apex
-        moved = meeting.effect(at, meeting.periods(first))[:3]
-        across = np.eye(3) - np.outer(axis, axis)
-        tails.append(across @ offset)
-        heads.append(tangent * float(axis @ offset))
-        gains.append(across @ moved)
-        widths.append(tangent * (axis @ moved))
-    tail, head, gain, width = map(np.array, (tails, heads, gains, widths))
-    demands = Demands(tail, head, gain, width, near.prices)
-    multipliers = demands.multipliers()
-    return math.inf if multipliers is None else max(0.0, demands.bound(multipliers))
+        (cone,) = at_checks((meeting.cone,))(at)
+        flights.keep(cone, at, meeting.path[at])
+    return max(0.0, flights.least())
 
 
 def flight_to_port(meeting: PortMeeting, start: np.ndarray) -> MeetingTransfer | None:

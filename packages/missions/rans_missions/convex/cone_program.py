@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -89,65 +90,92 @@ class ConeProgram:
             settings,
         ).solve()
 
-    def is_infeasible(self, certificate: np.ndarray) -> bool:
+    def least(self) -> float:
+        """Cost below which no x fulfils the rows, whatever Clarabel ends with; infinite: it is proved: none."""
+        multipliers = np.nan_to_num(np.array(self.answer().z), posinf=0.0, neginf=0.0)
+        return math.inf if self.is_infeasible(multipliers) else self.bound(multipliers)
+
+    def is_infeasible(self, multipliers: np.ndarray) -> bool:
         """Whether multipliers (m,) of the rows prove that no x fulfils all of them (Farkas' lemma).
 
+        They do if nothing at all costs more than 0.
+        """
+        return replace(self, cost=np.zeros(len(self.cost))).bound(multipliers) > 0.0
+
+    def bound(self, multipliers: np.ndarray) -> float:
+        """Cost below which no x fulfils the rows, from any multipliers (m,) of them, by weak duality.
+
         With multipliers z of the dual cone, z . (right - matrix x) is not negative for any x that fulfils the rows.
-        If its largest value between `lower` and `upper` is negative there are none. What z lacks to the dual cone
-        is added, and the rounding of all products covered, so that the solver's tolerance does not matter.
+        So its cost is at least the least of cost . x less this product between `lower` and `upper` (S. Boyd and L.
+        Vandenberghe, section 5.9). What z lacks to the dual cone is added, and the rounding of all products
+        covered, so that the solver's tolerance does not matter.
         """
         unit = np.finfo(float).eps
-        z = certificate.copy()
+        z = multipliers.copy()
         first = self.equations + self.inequalities
         z[self.equations : first] = np.maximum(z[self.equations : first], 0.0)
         for rows in self.cones:
             norm = float(np.linalg.norm(z[first + 1 : first + rows]))
             z[first] = max(z[first], norm * (1.0 + rows * unit))
             first += rows
-        slope = -(self.matrix.T @ z)
-        gains = np.maximum(slope * self.lower, slope * self.upper)
+        slope = self.cost + self.matrix.T @ z
+        gains = np.minimum(slope * self.lower, slope * self.upper)
         # The error of a sum of products is below their number times the unit roundoff times the sum of their sizes.
-        numbers = np.diff(self.matrix.indptr) + 1
+        numbers = np.diff(self.matrix.indptr) + 2
         farthest = np.maximum(np.abs(self.lower), np.abs(self.upper))
-        rounding = (numbers * (abs(self.matrix).T @ np.abs(z))) @ farthest
+        rounding = (numbers * (np.abs(self.cost) + abs(self.matrix).T @ np.abs(z))) @ farthest
         rounding += np.count_nonzero(self.right) * (np.abs(z) @ np.abs(self.right))
         rounding += len(gains) * np.abs(gains).sum()
-        return bool(z @ self.right + gains.sum() < -unit * rounding)
+        return float(gains.sum() - z @ self.right - unit * rounding)
 
 
 class Rows:
-    """Rows of a cone program of n variables x, added one after the other: inequalities first, then cones."""
+    """Rows of a cone program of n variables x, added in any order."""
 
     def __init__(self, count: int) -> None:
-        self._matrices: list[Any] = [sparse.csc_matrix((0, count))]
-        self._vectors: list[np.ndarray] = []
-        self._inequalities = 0
-        self._cones: list[int] = []
+        none = sparse.csc_matrix((0, count)), np.zeros(0)
+        self._equations: list[tuple[Any, np.ndarray]] = [none]
+        self._inequalities: list[tuple[Any, np.ndarray]] = [none]
+        self._cones: list[tuple[Any, np.ndarray]] = []
+        self._sizes: list[int] = []
+
+    def keep_zero(self, matrix: Any, vector: np.ndarray) -> None:
+        """Add matrix x + vector = 0 for rows (k, n), perhaps sparse, and (k,)."""
+        self._equations.append((-matrix, vector))
 
     def keep_above_zero(self, matrix: Any, vector: np.ndarray) -> None:
-        """Add matrix x + vector >= 0 for rows (k, n), perhaps sparse, and (k,); cones come after all of these."""
-        assert not self._cones
-        self._matrices.append(-matrix)
-        self._vectors.append(vector)
-        self._inequalities += len(vector)
+        """Add matrix x + vector >= 0 for rows (k, n), perhaps sparse, and (k,)."""
+        self._inequalities.append((-matrix, vector))
 
-    def keep_in_cone(
-        self, row: np.ndarray, constant: float, matrix: np.ndarray, vector: np.ndarray
+    def keep_in_cones(
+        self, heads: Any, constants: np.ndarray, matrix: Any, vector: np.ndarray
     ) -> None:
-        """Add |matrix x + vector| <= row . x + constant for (n,), a number, (k, n) and (k,)."""
-        self._matrices.append(-np.vstack([row, matrix]))
-        self._vectors.append(np.concatenate([[constant], vector]))
-        self._cones.append(len(vector) + 1)
+        """Add |matrix x + vector| <= heads x + constants for k cones, perhaps sparse.
+
+        Args:
+            heads: (k, n)
+            constants: (k,)
+            matrix: (k d, n), cone after cone.
+            vector: (k d,)
+        """
+        count = len(constants)
+        # The head of each cone comes before its other rows.
+        others = count + np.arange(len(vector)).reshape(count, -1)
+        order = np.hstack([np.arange(count)[:, None], others]).ravel()
+        rows = sparse.vstack([heads, matrix], format="csr")[order]
+        self._cones.append((-rows, np.concatenate([constants, vector])[order]))
+        self._sizes += [1 + others.shape[1]] * count
 
     def program(self, cost: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> ConeProgram:
         """The program that minimises cost . x; see `ConeProgram`."""
+        every = [*self._equations, *self._inequalities, *self._cones]
         return ConeProgram(
             cost,
-            sparse.vstack(self._matrices, format="csc"),
-            np.concatenate(self._vectors),
-            0,
-            self._inequalities,
-            tuple(self._cones),
+            sparse.vstack([matrix for matrix, _ in every], format="csc"),
+            np.concatenate([vector for _, vector in every]),
+            sum(len(vector) for _, vector in self._equations),
+            sum(len(vector) for _, vector in self._inequalities),
+            tuple(self._sizes),
             lower,
             upper,
         )

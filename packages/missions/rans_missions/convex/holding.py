@@ -12,17 +12,15 @@ limits that are not convex by their tangents at the flight before. `rans_mission
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from rans_missions.convex.rendezvous import (
+    Flights,
     Meeting,
     MeetingTransfer,
-    instant_bounds,
+    cheapest_within_limits,
     least_impulse,
-    ranges_of_arrivals,
-    within_limits,
+    least_over_arrivals,
 )
 from rans_missions.tasks.orbital import last_check
 
@@ -58,17 +56,10 @@ def flight_that_holds(
     longest = meeting.timing.checks * meeting.timing.episode_steps
     last = min(last_check(deadline, interval), longest - stay)
     arrivals = sorted({max(1, round(part * last)) for part in _ARRIVALS}) if last > 0 else []
-    # Without the limits first: arrivals in the order of what they cost.
+    # Without the limits first.
     free = [(least_impulse(meeting, start, first + stay, first=first), first) for first in arrivals]
-    order = sorted((one.impulse, first, one) for one, first in free if one is not None)
-    best: MeetingTransfer | None = None
-    for cost, first, one in order:
-        if best is not None and cost >= best.impulse:
-            break
-        found = within_limits(meeting, start, one, first)
-        if found is not None and (best is None or found.impulse < best.impulse):
-            best = found
-    return best
+    begun = [(one, first) for one, first in free if one is not None]
+    return cheapest_within_limits(meeting, start, begun)
 
 
 def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds: float) -> float:
@@ -85,33 +76,14 @@ def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds:
     interval = meeting.interval
     last = min(last_check(deadline, interval), meeting.timing.checks * meeting.timing.episode_steps)
     stay = last_check(seconds, interval)
-    instants = instant_bounds(meeting, start, last)
-    ranges = ranges_of_arrivals(last, interval)
-    # Lower bound, whether a program has made it, and the first and last check of the arrival.
-    open_ranges = [(float(instants[a : b + 1].min()), False, a, b) for a, b in ranges]
-    while True:
-        lowest = min(open_ranges)
-        bound, is_sharp, first, end = lowest
-        narrow = (end - first) * interval < _NARROWEST
-        if not np.isfinite(bound) or (is_sharp and narrow):
-            return bound
-        open_ranges.remove(lowest)
-        if is_sharp:
-            middle = (first + end) // 2
-            halves = (first, middle), (middle + 1, end)
-        else:
-            halves = ((first, end),)
-        for a, b in halves:
-            before = max(bound, float(instants[a : b + 1].min()))
-            sharp = _of_range(meeting, start, a, b, stay)
-            open_ranges.append((max(before, sharp), True, a, b))
 
+    def bound_of(first: int, end: int) -> float:
+        over = max(end, first + stay)
+        flights = Flights(meeting, start, over, spare=0.0)
+        for check in np.unique(
+            np.linspace(end, over, 2 + int((over - end) * interval / _SPACING)).astype(int)
+        ):
+            flights.be_within(int(check))
+        return flights.least()
 
-def _of_range(meeting: Meeting, start: np.ndarray, first: int, end: int, stay: int) -> float:
-    """Bound of flights that arrive at a check between these two and stay for so many checks, N s."""
-    over = max(end, first + stay)
-    count = 2 + int((over - end) * meeting.interval / _SPACING)
-    checks = np.unique(np.linspace(end, over, count).astype(int))
-    demands = meeting.demands(start, checks)
-    multipliers = demands.multipliers(limited=True)
-    return math.inf if multipliers is None else demands.bound(multipliers)
+    return least_over_arrivals(meeting, start, last, bound_of, _NARROWEST)[0]

@@ -14,11 +14,12 @@ random ones.
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import sparse
@@ -42,7 +43,6 @@ from rans.extend import (
 from rans.model.dynamics import RULES
 from rans.model.spacecraft import can_turn
 from rans_missions.convex.cone_program import ConeProgram, Rows
-from rans_missions.convex.demands import Demands
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 from rans_missions.vectors import numbers
 
@@ -192,24 +192,6 @@ class Meeting:
         """Control periods that have begun before a check."""
         return -(-check // self.timing.checks)
 
-    def demands(self, start: np.ndarray, checks: np.ndarray) -> Demands:
-        """Being within both tolerances at all of some checks (K,) in rising order, from a state (2 d,).
-
-        Demands are by check, position before velocity.
-        """
-        periods = self.periods(int(checks[-1]))
-        gains = np.stack([self.effect(int(check), periods) for check in checks])
-        radii = np.tile([self.position_tolerance, self.velocity_tolerance], len(checks))
-        prices = np.tile(self.price, periods)
-        size = len(self.point)
-        return Demands(
-            self.missed(start, checks).reshape(-1, size),
-            radii,
-            gains.reshape(-1, size, len(prices)),
-            np.zeros((len(radii), len(prices))),
-            prices,
-        )
-
 
 def forces_in_w(craft: Spacecraft) -> np.ndarray:
     """(d, m) full force of each thruster in W, N, of a craft whose axes are those of W.
@@ -237,6 +219,9 @@ class MeetingTransfer:
     """(periods, m), 0 to 1."""
     impulse: float
     """N s"""
+    multiplier: np.ndarray
+    """(2 d,) what the impulse falls by if the free motion to the meeting ends farther along each axis, N s per m
+    and per m/s; see `proof`."""
 
 
 @dataclass(frozen=True)
@@ -287,11 +272,11 @@ def least_impulse(
     for k in within:
         flights.be_within(k)
     watched: set[int] = set()
-    limits_at = _at_checks(limits)
+    limits_at = at_checks(limits)
     while True:
         result = flights.cheapest()
-        if result is None:
-            return None
+        if result is None or (first == last and not limits):
+            return result
         # Checks at which tolerances or limits are broken join those that are watched.
         states = trajectory(meeting, start, result)
         left = [k for k in range(first, last) if k not in within and _misses(meeting, states[k])]
@@ -350,8 +335,8 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
 
         y . x_free - r |y_p| - s |y_v| - sum over commands of max(0, -(price + y . effect)),
 
-    with r and s the radii of the meeting's balls. Whatever the multiplier is, the bounds hold; that of
-    `Meeting.demands` at a check makes them tight nearby.
+    with r and s the radii of the meeting's balls. Whatever the multiplier is, the bounds hold; that of the cheapest
+    flight at a check makes them tight nearby.
 
     Args:
         meeting: what is to be done.
@@ -366,28 +351,74 @@ def proof(meeting: Meeting, start: np.ndarray, last: int, multiplier: np.ndarray
     return away @ multiplier - constant + meeting.saved(multiplier, last)
 
 
-def _first_instants(last: int) -> list[int]:
-    """Checks at which bounds of all instants are sharp at first."""
-    return [int(check) for check in np.unique(np.linspace(last, 1, 24).astype(int))]
+def _sharpen(
+    bounds: np.ndarray, meeting: Meeting, start: np.ndarray, check: int
+) -> MeetingTransfer | None:
+    """Raise the bounds of all instants by the cheapest flight at one, which is returned.
 
-
-def _sharpen(bounds: np.ndarray, meeting: Meeting, start: np.ndarray, check: int) -> None:
-    """Raise the bounds of all instants by what is proved of one; infinite where nothing can meet."""
-    found = meeting.demands(start, np.array([check])).multipliers()
+    None: nothing can meet there, and the bound is infinite; or the solver has no answer, and bounds stay.
+    """
+    try:
+        found = least_impulse(meeting, start, check)
+    except SolverFailed:
+        return None
     if found is None:
         bounds[check] = np.inf
-        return
-    multiplier = found[:, :-1].ravel()
-    np.maximum(bounds, proof(meeting, start, len(bounds) - 1, multiplier), out=bounds)
+        return None
+    np.maximum(bounds, proof(meeting, start, len(bounds) - 1, found.multiplier), out=bounds)
+    return found
 
 
-def instant_bounds(meeting: Meeting, start: np.ndarray, last: int) -> np.ndarray:
-    """Lower bounds (last + 1,) of the impulse of meeting at each check, N s; sharp at 24 of them."""
+def instant_bounds(
+    meeting: Meeting, start: np.ndarray, last: int
+) -> tuple[np.ndarray, dict[int, MeetingTransfer]]:
+    """Lower bounds (last + 1,) of the impulse of meeting at each check, N s, and the flights at 24 of them.
+
+    Bounds are sharp at these.
+    """
     bounds = np.zeros(last + 1)
     bounds[0] = np.inf
-    for check in _first_instants(last):
-        _sharpen(bounds, meeting, start, check)
-    return bounds
+    checks = np.unique(np.linspace(1, last, 24).astype(int)).tolist()
+    found = {check: _sharpen(bounds, meeting, start, check) for check in checks}
+    return bounds, {check: flight for check, flight in found.items() if flight is not None}
+
+
+def least_over_arrivals(
+    meeting: Meeting,
+    start: np.ndarray,
+    last: int,
+    bound_of: Callable[[int, int], float],
+    narrowest: float,
+) -> tuple[float, int]:
+    """Impulse below which no flight arrives by a check, N s, and the last check of the cheapest range of arrivals.
+
+    Branch and bound over ranges of arrivals; an arrival is a meeting too, whose bound is known for every check.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        last: last check of an arrival.
+        bound_of: bound of the arrivals from one check to another, N s; infinite: there are none.
+        narrowest: range below which none is divided, s.
+    """
+    instants, _ = instant_bounds(meeting, start, last)
+
+    def asked(first: int, end: int, least: float = 0.0) -> tuple[float, bool, int, int]:
+        return max(least, float(instants[first : end + 1].min())), False, first, end
+
+    # Lower bound, whether a program has made it, and the first and last check of the arrival.
+    ranges = [asked(*one) for one in ranges_of_arrivals(last, meeting.interval)]
+    heapq.heapify(ranges)
+    while True:
+        bound, is_sharp, first, end = heapq.heappop(ranges)
+        if not is_sharp and np.isfinite(bound):
+            heapq.heappush(ranges, (max(bound, bound_of(first, end)), True, first, end))
+        elif not np.isfinite(bound) or (end - first) * meeting.interval < narrowest:
+            return bound, end
+        else:
+            middle = (first + end) // 2
+            for half in (first, middle), (middle + 1, end):
+                heapq.heappush(ranges, asked(*half, bound))
 
 
 def ranges_of_arrivals(last: int, interval: float) -> list[tuple[int, int]]:
@@ -425,42 +456,50 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
     """
     last = last_check(deadline, meeting.interval)
     last = min(last, meeting.timing.checks * meeting.timing.episode_steps)
-    sharp = set(_first_instants(last))
-    bounds = instant_bounds(meeting, start, last)
-    flights: dict[int, MeetingTransfer] = {}
-    cheapest = np.inf
-    # Sharpen where the bound is weakest, and fly where it is sharp, until both are close.
+    bounds, flights = instant_bounds(meeting, start, last)
+    # Sharpen where the bound is weakest, until it is close to a flight.
     for _ in range(_INSTANTS):
-        # A flight at the best of the instants whose bound is sharp.
-        sharpest = min(sharp, key=lambda check: bounds[check])
-        if sharpest not in flights and bounds[sharpest] < (1.0 - _WITHIN) * cheapest:
-            result = least_impulse(meeting, start, sharpest)
-            if result is None:
-                bounds[sharpest] = np.inf
-                continue
-            flights[sharpest] = result
-            cheapest = min(cheapest, result.impulse)
+        cheapest = min((flight.impulse for flight in flights.values()), default=np.inf)
         weakest = int(np.argmin(bounds))
-        if bounds[weakest] >= (1.0 - _WITHIN) * cheapest or weakest in flights:
+        if weakest in flights or bounds[weakest] >= (1.0 - _WITHIN) * cheapest:
             break
-        sharp.add(weakest)
-        _sharpen(bounds, meeting, start, weakest)
+        found = _sharpen(bounds, meeting, start, weakest)
+        if found is not None:
+            flights[weakest] = found
+        elif np.isfinite(bounds[weakest]):
+            break
     if not flights:
         raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
-    # The cheapest of them that can be changed to keep the limits.
-    order = sorted(flights.values(), key=lambda flight: flight.impulse)
+    free = min(flights.values(), key=lambda flight: flight.impulse)
+    # As cheap as that one, but for what the search leaves open.
+    near = [one for one in flights.values() if one.impulse <= (1.0 + _WITHIN) * free.impulse]
+    transfer = cheapest_within_limits(meeting, start, [(one, one.check) for one in near])
+    return Answer(float(np.min(bounds)), transfer, free)
+
+
+def cheapest_within_limits(
+    meeting: Meeting, start: np.ndarray, begun: Sequence[tuple[MeetingTransfer, int]]
+) -> MeetingTransfer | None:
+    """The cheapest of the flights that `within_limits` makes of some; None: it makes none.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        begun: flights without limits, and the check of the arrival of each.
+    """
     best: MeetingTransfer | None = None
-    for begun in order[:3]:
-        result = within_limits(meeting, start, begun)
-        if result is not None and (best is None or result.impulse < best.impulse):
-            best = result
-        if best is not None and best.impulse < (1.0 + _WITHIN) * order[0].impulse:
+    for flight, first in sorted(begun, key=lambda one: one[0].impulse):
+        # Limits make no flight cheaper.
+        if best is not None and flight.impulse >= best.impulse:
             break
-    return Answer(float(np.min(bounds)), best, order[0])
+        found = within_limits(meeting, start, flight, first)
+        if found is not None and (best is None or found.impulse < best.impulse):
+            best = found
+    return best
 
 
 def within_limits(
-    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer, first: int | None = None
+    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer, first: int
 ) -> MeetingTransfer | None:
     """A flight that meets at the same checks and keeps every limit at every check; None: none was found.
 
@@ -468,7 +507,7 @@ def within_limits(
         meeting: what is to be done.
         start: (2 d,) position (m) and velocity (m/s) in W.
         begun: a flight without limits.
-        first: check of its arrival, where it stays; None: that of its meeting.
+        first: check of its arrival, after which it stays until its meeting.
     """
     states = trajectory(meeting, start, begun)
     if least_margin(meeting.limits, states) >= 0.0:
@@ -532,7 +571,7 @@ def _farther(limit: Shape) -> Shape:
     return limit
 
 
-def _at_checks(limits: Sequence[Shape]) -> Callable[[Any], Sequence[Shape]]:
+def at_checks(limits: Sequence[Shape]) -> Callable[[Any], Sequence[Shape]]:
     """Limits by the check, or a slice of checks; those that do not move are the same at all."""
     if all(np.size(x) == 1 for x in leaves(tuple(limits))):
         return lambda check: limits
@@ -547,7 +586,7 @@ def least_margin(limits: Sequence[Shape], states: np.ndarray) -> float:
     return min(
         (
             float(np.min(_gap(limit, states[1:])))
-            for limit in _at_checks(limits)(slice(1, len(states)))
+            for limit in at_checks(limits)(slice(1, len(states)))
         ),
         default=np.inf,
     )
@@ -566,12 +605,11 @@ def _tangent_margin(limits: Sequence[Shape], state: np.ndarray, reference: np.nd
         cone = cone_rows(limit, reference)
         head = cone.row @ state + cone.constant
         tail = cone.matrix @ state + cone.vector
-        margins.append(head - np.linalg.norm(tail) + 0.5 * _SLACK)
+        margins.append(head - np.linalg.norm(tail) - 0.5 * _SLACK)
     return min(margins)
 
 
-@dataclass(frozen=True)
-class ConeRows:
+class ConeRows(NamedTuple):
     """|matrix x + vector| <= row x + constant, for a state x."""
 
     row: np.ndarray
@@ -587,39 +625,37 @@ def cone_rows(limit: Shape, reference: np.ndarray) -> ConeRows:
         ConfigError: the kind of limit is unknown.
     """
     size = len(reference) // 2
-    positions = reference[:size]
-    none = np.zeros((0, 2 * size))
-    # |v| <= base + slope |p - at|, where the distance is at least its component along the reference's.
+    position, velocity = np.split(np.eye(2 * size), 2)
+    at = reference[:size]
+
+    def away(point: np.ndarray) -> tuple[np.ndarray, float]:
+        """The distance from a point, at least its component along the reference's: a row and a constant."""
+        offset = at - point
+        unit = offset / max(float(np.linalg.norm(offset)), 1e-9)
+        return unit @ position, -float(unit @ point)
+
+    # |v| <= base + slope |p - at|.
     if isinstance(limit, SpeedLimit):
-        at = numbers(limit.at)
-        offsets = positions - at
-        unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
-        row = np.zeros(2 * size)
-        row[:size] = float(limit.slope) * unit
-        constant = float(limit.base) - float(limit.slope) * float(unit @ at) - _SLACK
-        matrix = np.hstack([np.zeros((size, size)), np.eye(size)])
-        return ConeRows(row, constant, matrix, np.zeros(size))
+        row, constant = away(numbers(limit.at))
+        slope = float(limit.slope)
+        return ConeRows(slope * row, float(limit.base) + slope * constant, velocity, np.zeros(size))
     # A ball to keep out of: the half space beyond the tangent plane that faces the reference.
     if isinstance(limit, Ball):
-        centre = numbers(limit.centre)
-        offsets = positions - centre
-        unit = offsets / max(float(np.linalg.norm(offsets)), 1e-9)
-        row = np.zeros(2 * size)
-        row[:size] = unit
-        return ConeRows(
-            row, -float(unit @ centre) - float(limit.radius) - _SLACK, none, np.zeros(0)
-        )
+        row, constant = away(numbers(limit.centre))
+        return ConeRows(row, constant - float(limit.radius), position[:0], np.zeros(0))
     # A cone around an axis is convex; far from its apex it does not apply.
     if isinstance(limit, Cone):
         apex, axis = numbers(limit.apex), numbers(limit.axis)
-        if np.linalg.norm(positions - apex) > float(limit.length):
-            return ConeRows(np.zeros(2 * size), 1.0, none, np.zeros(0))
-        row = np.zeros(2 * size)
+        if np.linalg.norm(at - apex) > float(limit.length):
+            return ConeRows(0.0 * position[0], 1.0, position[:0], np.zeros(0))
         tangent = np.tan(float(limit.half_angle))
-        row[:size] = tangent * axis
-        across = np.eye(size) - np.outer(axis, axis)
-        matrix = np.hstack([across, np.zeros((size, size))])
-        return ConeRows(row, -tangent * float(axis @ apex) - _SLACK, matrix, -across @ apex)
+        across = position - np.outer(axis, axis @ position)
+        return ConeRows(
+            tangent * axis @ position,
+            -tangent * float(axis @ apex),
+            across,
+            -across[:, :size] @ apex,
+        )
     raise ConfigError(f"convex bounds know balls, cones and speed limits, got {limit!r}.")
 
 
@@ -627,12 +663,21 @@ class Flights:
     """Flights of a meeting as a cone program of the commands (in [0, 1]) in the periods that may push.
 
     Commands are in the order of periods, then of thrusters. Demands are added one after the other.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position (m) and velocity (m/s) in W.
+        check: the last one at which anything is asked.
+        spare: part of limits and tolerances that flights leave, m or m/s; 0 for bounds.
     """
 
-    def __init__(self, meeting: Meeting, start: np.ndarray, check: int) -> None:
+    def __init__(
+        self, meeting: Meeting, start: np.ndarray, check: int, spare: float = _SLACK
+    ) -> None:
         self._meeting = meeting
         self._start = start
         self._check = check
+        self._spare = spare
         self._periods = meeting.periods(check)
         used = np.arange(self._periods) % meeting.every == 0
         self._used = np.repeat(used, meeting.forces.shape[1])
@@ -642,30 +687,35 @@ class Flights:
         self._rows.keep_above_zero(unit, np.zeros(count))
         self._rows.keep_above_zero(-unit, np.ones(count))
 
-    def be_within(self, check: int) -> None:
-        """Be within both tolerances at a check, with `_SLACK` to spare for the solver's own tolerance."""
+    def be_within(self, check: int, radii: tuple[float, float] | None = None) -> None:
+        """Be at the point at a check, within radii (m, m/s); None: the tolerances."""
         meeting = self._meeting
-        size = len(meeting.point)
-        effect = meeting.effect(check, self._periods)[:, self._used]
-        free = meeting.missed(self._start, np.array([check]))[0]
-        for part, radius in (
-            (slice(0, size), meeting.position_tolerance),
-            (slice(size, 2 * size), meeting.velocity_tolerance),
+        state = np.eye(2 * len(meeting.point))
+        target = self._free(check) - meeting.missed(self._start, np.array([check]))[0]
+        for part, radius in zip(
+            np.split(state, 2),
+            radii or (meeting.position_tolerance, meeting.velocity_tolerance),
+            strict=True,
         ):
-            nothing = np.zeros(effect.shape[1])
-            self._rows.keep_in_cone(nothing, radius - _SLACK, effect[part], free[part])
+            self._ask(ConeRows(0.0 * state[0], radius, part, -part @ target), check)
 
     def keep(self, limit: Shape, check: int, reference: np.ndarray) -> None:
         """Keep a limit at a check, whose concave part is its tangent at a reference (2 d,).
 
         The tangent keeps less than the limit leaves: what keeps the row at a check keeps the limit there.
         """
+        self._ask(cone_rows(limit, reference), check)
+
+    def _free(self, check: int) -> np.ndarray:
+        return self._meeting.free(self._start, np.array([check]))[0]
+
+    def _ask(self, cone: ConeRows, check: int) -> None:
+        """Have the state at a check in a cone."""
         effect = self._meeting.effect(check, self._periods)[:, self._used]
-        free = self._meeting.free(self._start, np.array([check]))[0]
-        cone = cone_rows(limit, reference)
-        self._rows.keep_in_cone(
-            cone.row @ effect,
-            float(cone.row @ free) + cone.constant,
+        free = self._free(check)
+        self._rows.keep_in_cones(
+            (cone.row @ effect)[None],
+            np.array([cone.row @ free + cone.constant - self._spare]),
             cone.matrix @ effect,
             cone.matrix @ free + cone.vector,
         )
@@ -678,6 +728,8 @@ class Flights:
     def cheapest(self) -> MeetingTransfer | None:
         """The flight of least impulse; None: it is proved that there is none.
 
+        Its multiplier is that of the first check at which it was to be at the point.
+
         Raises:
             SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
         """
@@ -688,4 +740,13 @@ class Flights:
         commands = np.zeros(len(self._used))
         commands[self._used] = np.clip(np.array(result.x), 0.0, 1.0)
         impulse = float(program.cost @ commands[self._used])
-        return MeetingTransfer(self._check, commands.reshape(self._periods, -1), impulse)
+        size = len(self._meeting.point)
+        first = np.array(result.z)[program.inequalities :][: 2 * size + 2]
+        multiplier = -first.reshape(2, -1)[:, 1:].ravel()
+        return MeetingTransfer(
+            self._check, commands.reshape(self._periods, -1), impulse, multiplier
+        )
+
+    def least(self) -> float:
+        """Impulse below which no flight does what is asked, N s; infinite: none does."""
+        return self.program().least()

@@ -17,7 +17,7 @@ from rans_missions.convex.approach import (
 )
 from rans_missions.convex.rendezvous import (
     Flights,
-    _at_checks,
+    at_checks,
     least_impulse,
     rendezvous,
     state_of,
@@ -85,7 +85,7 @@ def test_an_arrival_costs_what_its_primal_program_says(begun: list[Begun]) -> No
         inside = len(meeting.away) - 1
         for part in approach._INSTANTS:
             at = LAST - round(part * inside)
-            (cone,) = _at_checks((meeting.cone,))(at)
+            (cone,) = at_checks((meeting.cone,))(at)
             rows.keep(cone, at, meeting.path[at])
         found = rows.cheapest()
         assert found is not None

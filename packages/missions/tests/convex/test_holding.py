@@ -7,7 +7,7 @@ import pytest
 from rans_missions.bounds.transfers import transfer_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.convex.holding import flight_that_holds, least_to_hold
-from rans_missions.convex.rendezvous import Meeting, rendezvous, trajectory
+from rans_missions.convex.rendezvous import Flights, Meeting, rendezvous, trajectory
 from rans_missions.tasks import Hold
 
 from rans.evaluation.measure.metrics import impulses, won
@@ -53,17 +53,17 @@ def test_no_multipliers_prove_more_than_a_flight_needs() -> None:
     checks = np.arange(200, 321, 10)
     # Faster by a hundredth, for the time that it takes to get fast.
     flight = 500.0 * (2.0 * 0.095 * 1.01 - 1.0 / 60.0)
-    demands = LINE.demands(START, checks)
-    best = demands.multipliers(limited=True)
-    assert best is not None
-    # Also where the price of the radii is forgotten.
-    assert demands.bound(best * [1.0, 1.0, 0.0]) <= flight
+    flights = Flights(LINE, START, 320, spare=0.0)
+    for check in checks:
+        flights.be_within(int(check))
+    program = flights.program()
+    best = np.array(program.answer().z)
+    assert 0.98 * flight < program.bound(best) <= flight
     rng = np.random.default_rng(0)
-    for size in (0.1, 1.0, 10.0):
+    for size in (0.01, 0.1, 1.0):
         for _ in range(20):
-            other = size * rng.normal(size=(len(checks), 4)) * [1.0, 1.0, 500.0, 500.0] / 10.0
-            multipliers = np.pad(other.reshape(-1, 2), ((0, 0), (0, 1)))
-            assert demands.bound(multipliers) <= flight
+            other = best + size * np.abs(best).max() * rng.normal(size=len(best))
+            assert program.bound(other) <= flight
 
 
 def test_a_flight_that_holds_costs_what_hand_works_out() -> None:
