@@ -25,7 +25,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
@@ -35,7 +35,7 @@ from scipy import sparse
 
 from rans.extend import ConfigError, SolverFailed, Spacecraft
 from rans.model.actuators import Throttle
-from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.convex.cone_program import ConeProgram, Rows
 from rans_missions.tasks.land import Land
 
 _LENGTH = 1000.0
@@ -46,9 +46,6 @@ _SPEED = _LENGTH / _TIME
 _ACCELERATION = _LENGTH / _TIME**2
 _ROUNDS = 6
 """Linearisations of the upper bound at most; two or three suffice."""
-_FLOORS = (15.0, 5.0, 2.0)
-"""Periods of the programs that bound flight times before they are solved, s: some milliseconds each, and sharp
-enough that few times remain."""
 _MOST_APART = 12
 """Engines that are throttled one by one: their choices of least and largest throttles are 2 to this power."""
 _SETTLED = 1e-5
@@ -278,7 +275,7 @@ def landing(
     count = round(time / period)
     if count < 1:
         return None
-    problem = _Problem(lander, descent, start, np.full(count, period))
+    problem = _Problem(lander, descent, start, count, period)
     result = problem.solved(problem.heaviest if side == "bound" else problem.middle, side)
     if result is None:
         return None
@@ -308,9 +305,9 @@ def best_landing(
 ) -> Landing | None:
     """Landing with the least propellant of all flight times that are whole periods; None: see `landing`.
 
-    The propellant need not have one minimum over the flight time, and no time is left out. Programs with long
-    periods, in which the thrust may vary in any way, bound the landings of each time (`_floor`), and then sharper
-    ones. The time with the least bound is solved, until a solution is not above the bounds of all other times.
+    The propellant need not have one minimum over the flight time, and no time is left out. The time with the least
+    bound is taken: first by the rocket equation (`least_propellant`), then by one program, until a solution is not
+    above the bounds of all other times.
 
     As a bound (side = "bound") it is one for accelerations that are held for this period. One for a longer hold is
     none for a shorter, which can do more: for the mission, take its own control period.
@@ -331,58 +328,53 @@ def best_landing(
     last = int(times[1] / period + 1e-9)
 
     # Flight times that are still open, in periods: their bound, and how sharp it is.
-    waiting = [(0.0, 0, count) for count in range(first, last + 1)]
+    waiting = [
+        (least_propellant(lander, descent, start, count * period), 0, count)
+        for count in range(first, last + 1)
+    ]
+    heapq.heapify(waiting)
     solutions: dict[int, Landing] = {}
     while waiting:
         least, level, count = heapq.heappop(waiting)
-        if level > len(_FLOORS):
+        if level == 2:
             return solutions[count]
-        if level == len(_FLOORS):
-            result = landing(lander, descent, start, count * period, period, side)
-            if result is None:
-                continue
-            solutions[count] = result
-            floor = result.propellant
-        else:
-            merged = max(1, round(_FLOORS[level] / period))
+        if not math.isfinite(least):
+            break
+        if level == 0:
+            problem = _Problem(lander, descent, start, count, period)
             try:
-                floor = _floor(lander, descent, start, count, period, merged)
+                found = problem.solved(problem.heaviest, "bound")
             except SolverFailed:
-                floor = least  # the next level asks again
-        if math.isfinite(floor):
-            heapq.heappush(waiting, (max(least, floor), level + 1, count))
+                # The next level asks again.
+                heapq.heappush(waiting, (least, 1, count))
+                continue
+        else:
+            found = landing(lander, descent, start, count * period, period, side)
+        if found is not None:
+            solutions[count] = found
+            heapq.heappush(waiting, (max(least, found.propellant), level + 1, count))
     return None
 
 
-def _floor(
-    lander: Lander,
-    descent: Descent,
-    start: tuple[np.ndarray, np.ndarray],
-    count: int,
-    period: float,
-    merged: int,
+def least_propellant(
+    lander: Lander, descent: Descent, start: tuple[np.ndarray, np.ndarray], time: float
 ) -> float:
-    """Lower bound of all landings whose flight has so many periods, kg; infinite: there is none.
+    """Lower bound of all landings in a time (s), kg, by the rocket equation; infinite: there is none.
 
-    As many periods as `merged` become one, between whose ends the thrust may vary in any way, with the limits at
-    its ends alone. The first is shorter where they do not divide the flight.
-
-    Args:
-        lander: what lands.
-        descent: what is asked for.
-        start: position, m, and velocity, m/s.
-        count: flight time, in periods.
-        period: s.
-        merged: how many become one.
-
-    Raises:
-        SolverFailed: see `landing`.
+    Thrust has to change the velocity by that at the start, and by what gravity gives meanwhile. It flows at its
+    least all the time.
     """
-    whole, rest = divmod(count, merged)
-    lengths = period * np.array([rest] * (rest > 0) + [merged] * whole)
-    problem = _Problem(lander, descent, start, lengths, varies=True)
-    answer = problem.answer(problem.heaviest, "bound")
-    return math.inf if answer is None else problem.needed(answer)
+    change = np.array([0.0, 0.0, descent.gravity * time]) - start[1]
+    needed = max(0.0, float(np.linalg.norm(change)) - descent.velocity_tolerance)
+    # Engines throttled one by one may waste less than all together.
+    used, along, across = np.array(lander.corners or ((1.0, 1.0, 0.0),)).T
+    exhaust = lander.exhaust_speed * float((np.hypot(along, across) / used).max())
+    most = min(lander.propellant, lander.largest_thrust / lander.exhaust_speed * time)
+    least = max(
+        lander.mass * -math.expm1(-needed / exhaust),
+        lander.least_thrust / lander.exhaust_speed * time,
+    )
+    return least if least <= most else math.inf
 
 
 class _Problem:
@@ -391,10 +383,6 @@ class _Problem:
     Variables, by knots k = 0 to N: p_k (3), v_k (3), z_k = ln(m_k / m_full), then by periods u_k (3), sigma_k.
     With engines that are throttled one by one, sigma_k is the mass flow times the exhaust speed over the mass, and
     one more variable a period is not below the size of u_k.
-
-    Where the thrust varies in a period of length h, at times s in it, there are two of these groups: means of
-    (1 - s / h) u and of (s / h) u. Their sum changes the velocity, the first alone the position. Means of cones
-    are in these cones, and the mass is between those of both ends, so that nothing that can be flown is left out.
     """
 
     def __init__(
@@ -402,288 +390,173 @@ class _Problem:
         lander: Lander,
         descent: Descent,
         start: tuple[np.ndarray, np.ndarray],
-        lengths: np.ndarray,
-        varies: bool = False,
+        count: int,
+        period: float,
     ) -> None:
-        count = len(lengths)
-        self.lander = lander
-        self.descent = descent
-        self.count = count
-        self.lengths = lengths
-        self.groups = 2 if varies else 1
-        self.start = start
-        self.knots = 7 * (count + 1)
-        self.width = 5 if lander.corners else 4
-        self.controls = self.groups * count
-        self.size = self.knots + self.width * self.controls
-        dry = lander.mass - lander.propellant
-        self.times = np.concatenate([[0.0], np.cumsum(lengths)])
-        full = lander.mass
-        lightest = full - lander.largest_thrust / lander.exhaust_speed * self.times
+        self._lander = lander
+        self._descent = descent
+        self._start = start
+        self._count = count
+        self._period = period
+        self._width = 5 if lander.corners else 4
+        # Numbers of the variables of each knot, and of each period.
+        knots = 7 * (count + 1)
+        numbers = np.arange(knots + self._width * count)
+        self._knots = numbers[:knots].reshape(-1, 7)
+        self._controls = numbers[knots:].reshape(-1, self._width)
+        self._size = len(numbers)
         # ln m of craft that burn as much, and as little, as they can.
-        self.lightest = np.log(np.maximum(lightest, dry))
-        heaviest = full - lander.least_thrust / lander.exhaust_speed * self.times
-        self.heaviest = np.log(np.maximum(heaviest, dry))
-        self.middle = 0.5 * (self.lightest + self.heaviest)
-        self.equations = self._dynamics()
-        self.fixed = self._fixed_cones()
+        times = period * np.arange(count + 1)
+        dry = lander.mass - lander.propellant
+        flows = np.array([lander.largest_thrust, lander.least_thrust]) / lander.exhaust_speed
+        masses = np.maximum(lander.mass - flows[:, None] * times, dry)
+        self._lightest, self.heaviest = np.log(masses)
+        self.middle = 0.5 * (self._lightest + self.heaviest)
+        # Largest tilt of thrust in each period, rad: what a craft can have turned by at its end, with the inertia
+        # of the lightest that it can be.
+        self._tilts = np.full(count, descent.tilt)
+        if descent.turning is not None:
+            turned = 0.5 * descent.turning * lander.mass / masses[0, 1:] * times[1:] ** 2
+            self._tilts = np.minimum(self._tilts, turned)
 
     def solved(self, log_mass: np.ndarray, side: Side) -> Landing | None:
-        """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: proved infeasible."""
-        answer = self.answer(log_mass, side)
-        return None if answer is None else self._read(answer)
+        """Optimum with the bounds of thrust linearised about masses (N + 1,), ln kg; None: proved infeasible.
 
-    def answer(self, log_mass: np.ndarray, side: Side) -> Any:
-        """Answer in the variables of the solver, about masses whose logarithms (count + 1,) are given.
-
-        Rows come in the order that `ConeProgram` asks for: equations, inequalities, cones.
+        In SI units.
         """
-        linear = self._linear(log_mass, side)
-        blocks = [self.equations, linear, *self.fixed]
-        cost = np.zeros(self.size)
-        cost[self._z(self.count)] = -1.0
-        farthest = self._farthest(side)
-        program = ConeProgram(
-            cost,
-            sparse.vstack([block for block, _, _ in blocks], format="csc"),
-            np.concatenate([values for _, values, _ in blocks]),
-            self.equations[0].shape[0],
-            linear[0].shape[0],
-            tuple(width for block, _, width in self.fixed for _ in range(block.shape[0] // width)),
-            -farthest,
-            farthest,
+        answer = self._program(log_mass, side).solve(
+            f"a landing in {self._count * self._period:g} s"
         )
-        return program.solve(f"a landing in {self.times[-1]:g} s")
-
-    def needed(self, answer: Any) -> float:
-        """Propellant that the dual solution proves to be needed, kg."""
-        full = self.lander.mass
-        return float(full - full * math.exp(-float(answer.obj_val_dual)))
-
-    def _farthest(self, side: Side) -> np.ndarray:
-        """(n,) sizes that no variable exceeds: the largest acceleration all the way, in any direction.
-
-        Dual bounds are made true by these sizes: a variable that may be larger makes a bound that may be wrong.
-        """
-        lander = self.lander
-        emptying = math.log(1.0 - lander.propellant / lander.mass)
-        lines = [line for pair in self._inverse_masses(self.heaviest, side) for line in pair]
-        inverse = max(abs(a + b * z) for a, b, _ in lines for z in (emptying, 0.0))
-        sigma = push = lander.largest_thrust / _ACCELERATION * inverse
-        for tilt in {*self._tilts().tolist()} if lander.corners else ():
-            sizes, _ = thrusts(lander.corners, tilt)
-            push = max(
-                push, *(abs(a) * sigma + abs(force) / _ACCELERATION * inverse for a, force in sizes)
-            )
-        time = self.times[-1] / _TIME
-        faster = self.groups * push + self.descent.gravity / _ACCELERATION
-        v = float(np.linalg.norm(self.start[1])) / _SPEED + time * faster
-        p = float(np.linalg.norm(self.start[0])) / _LENGTH + 2.0 * time * v
-        knot = [*[p] * 3, *[v] * 3, -emptying]
-        control = [push, push, push, sigma, push][: self.width]
-        return np.array(knot * (self.count + 1) + control * self.controls)
-
-    def _read(self, answer: Any) -> Landing:
-        """The solver's answer in SI units, from scaled knots (7 each) and controls.
-
-        Columns are those of `_dynamics`: seven for a knot, then `width` for a control.
-        """
+        if answer is None:
+            return None
         x = np.array(answer.x)
-        knots = x[: self.knots].reshape(-1, 7)
-        controls = x[self.knots :].reshape(-1, self.width) * _ACCELERATION
-        mass = self.lander.mass * np.exp(knots[:, 6])
+        knots = x[self._knots]
+        controls = x[self._controls] * _ACCELERATION
+        full = self._lander.mass
+        mass = full * np.exp(knots[:, 6])
         return Landing(
-            float(self.lengths[0]),
+            self._period,
             knots[:, :3] * _LENGTH,
             knots[:, 3:6] * _SPEED,
             mass,
             controls[:, :3],
             controls[:, 3],
             float(mass[0] - mass[-1]),
-            self.needed(answer),
+            full - full * math.exp(-float(answer.obj_val_dual)),
         )
 
-    def _z(self, knot: int) -> int:
-        return 7 * knot + 6
+    def _sum(self, *terms: tuple[float | np.ndarray, np.ndarray]) -> Any:
+        """Rows that add up variables, by their numbers, with coefficients: a row for each number of a term."""
+        count = terms[0][1].size
+        values = [np.broadcast_to(value, count) for value, _ in terms]
+        columns = [numbers.ravel() for _, numbers in terms]
+        row = np.tile(np.arange(count), len(terms))
+        entries = np.concatenate(values), (row, np.concatenate(columns))
+        return sparse.csr_matrix(entries, shape=(count, self._size))
 
-    def _sigma(self, period: int, group: int) -> int:
-        return self.knots + self.width * (self.groups * period + group) + 3
-
-    def _dynamics(self) -> tuple[Any, np.ndarray, int]:
-        """Equations of motion, the start and, where it is exact, the end.
-
-        Matrix, right sides and 1, in scaled units.
-
-        `_read` takes the unknowns in its order: seven of every knot, then `width` of every control.
-        """
-        n = self.count
-        steps = self.lengths / _TIME
-        g = np.array([0.0, 0.0, -self.descent.gravity / _ACCELERATION])
-        rate = _ACCELERATION * _TIME / self.lander.exhaust_speed
-        identity = sparse.eye(3)
-        # x_{k+1} - A x_k - B (u_k, sigma_k) = constant.
-        drift = np.zeros((7, 7))
-        drift[:3, 3:6] = np.eye(3)
-        nearer = np.zeros((7, self.width))
-        nearer[:3, :3] = np.eye(3)
-        faster = np.zeros((7, self.width))
-        faster[3:6, :3] = np.eye(3)
-        faster[6, 3] = -rate
-        blocks = [0.5 * nearer] if self.groups == 1 else [nearer, 0.0 * nearer]
-        at_begin = sparse.hstack([sparse.eye(n), sparse.csc_matrix((n, 1))])
-        at_end = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
-        long = sparse.diags(steps)
-        carry = sparse.kron(at_begin, sparse.eye(7)) + sparse.kron(long @ at_begin, drift)
-        push = sparse.kron(long, np.hstack([faster] * self.groups))
-        push += sparse.kron(long @ long, np.hstack(blocks))
-        motion = sparse.hstack([sparse.kron(at_end, sparse.eye(7)) - carry, -push])
-        fallen = np.concatenate([0.5 * g, np.zeros(4)]), np.concatenate([np.zeros(3), g, [0.0]])
-        falling = np.outer(steps**2, fallen[0]) + np.outer(steps, fallen[1])
-        p, v = self.start
-        rows = [motion, _selected(sparse.eye(7), 0, self.size)]
-        values = [falling.ravel(), np.concatenate([p / _LENGTH, v / _SPEED, [0.0]])]
-        for tolerance, offset in (
-            (self.descent.position_tolerance, 0),
-            (self.descent.velocity_tolerance, 3),
-        ):
-            if tolerance == 0.0:
-                rows.append(_selected(identity, 7 * n + offset, self.size))
-                values.append(np.zeros(3))
-        return sparse.vstack(rows, format="csc"), np.concatenate(values), 1
-
-    def _linear(self, log_mass: np.ndarray, side: Side) -> tuple[Any, np.ndarray, int]:
-        """Bounds of sigma, the thrust's cone about the vertical, and the propellant, as rows with A x <= b.
+    def _program(self, log_mass: np.ndarray, side: Side) -> ConeProgram:
+        """Least propellant about masses whose logarithms (N + 1,) are given.
 
         On side "bound" every row must hold for all landings that can be flown, on the other side for none that
         cannot.
         """
-        # Rows, as (row, column, value), and their right sides.
-        n = self.count
-        rows: list[tuple[int, int, float]] = []
-        right: list[float] = []
-
-        def add(bound: float, *entries: tuple[int, float]) -> None:
-            rows.extend((len(right), column, value) for column, value in entries)
-            right.append(bound)
-
-        # Means over the halves of a period's weight, in units of the acceleration.
-        weight = 1.0 / (self.groups * _ACCELERATION)
-
-        def bounded(force: float, line: Line, *entries: tuple[int, float]) -> None:
-            """The entries and a force (N) over the mass sum to at most 0."""
-            constant, slope, knots = line
-            scale = weight * force
-            about = [(self._z(knot), slope * scale / len(knots)) for knot in knots]
-            add(-constant * scale, *entries, *about)
-
-        tilts = self._tilts()
-        for k, (under, over) in enumerate(self._inverse_masses(log_mass, side)):
-            for group in range(self.groups):
-                # The flow is between those of the least and of the largest thrust.
-                sigma = self._sigma(k, group)
-                bounded(self.lander.least_thrust, under, (sigma, -1.0))
-                bounded(-self.lander.largest_thrust, over, (sigma, 1.0))
-                # The thrust is tilted by a bounded angle: with engines throttled together its vertical part is not
-                # below sigma times the cosine; else lines bound its size and its vertical part by the flow.
-                vertical = sigma - 1
-                if not self.lander.corners:
-                    add(0.0, (sigma, math.cos(tilts[k])), (vertical, -1.0))
-                    continue
-                # The flow is not negative, even where the tangent is.
-                add(0.0, (sigma, -1.0))
-                sizes, heights = thrusts(self.lander.corners, float(tilts[k]))
-                for variable, sign, lines in ((sigma + 1, 1.0, sizes), (vertical, -1.0, heights)):
-                    for slope, force in lines:
-                        line = over if force > 0.0 else under
-                        bounded(-force, line, (variable, sign), (sigma, -slope))
+        lander, descent, n, add = self._lander, self._descent, self._count, self._sum
+        p, v, z = self._knots[:, :3], self._knots[:, 3:6], self._knots[:, 6]
+        u, sigma, size = self._controls[:, :3], self._controls[:, 3], self._controls[:, -1]
+        rows = Rows(self._size)
+        # Motion by an acceleration that is held for a period, from the start to the end.
+        h = self._period / _TIME
+        fallen = h * np.tile([0.0, 0.0, descent.gravity / _ACCELERATION], n)
+        rate = _ACCELERATION * _TIME / lander.exhaust_speed
+        rows.keep_zero(add((1.0, v[1:]), (-1.0, v[:-1]), (-h, u)), fallen)
+        moved = (-1.0, p[:-1]), (-h, v[:-1]), (-0.5 * h**2, u)
+        rows.keep_zero(add((1.0, p[1:]), *moved), 0.5 * h * fallen)
+        rows.keep_zero(add((1.0, z[1:]), (-1.0, z[:-1]), (h * rate, sigma)), np.zeros(n))
+        begin = np.concatenate([self._start[0] / _LENGTH, self._start[1] / _SPEED, [0.0]])
+        rows.keep_zero(add((1.0, self._knots[0])), -begin)
+        for last, tolerance in (
+            (p[-1], descent.position_tolerance / _LENGTH),
+            (v[-1], descent.velocity_tolerance / _SPEED),
+        ):
+            if tolerance == 0.0:
+                rows.keep_zero(add((1.0, last)), np.zeros(3))
+            else:
+                radius = np.array([tolerance])
+                rows.keep_in_cones(add((0.0, z[:1])), radius, add((1.0, last)), np.zeros(3))
+        # The acceleration is no larger than its size; the craft is above the glide slope after the start.
+        rows.keep_in_cones(add((1.0, size)), np.zeros(n), add((1.0, u)), np.zeros(3 * n))
+        height = add((1.0 / math.tan(descent.glide_slope), p[1:, 2]))
+        rim = np.full(n, descent.margin / _LENGTH)
+        rows.keep_in_cones(height, rim, add((1.0, p[1:, :2])), np.zeros(2 * n))
         # No more propellant than there is.
-        dry = math.log((self.lander.mass - self.lander.propellant) / self.lander.mass)
-        add(-dry, (self._z(n), -1.0))
-        row, column, value = zip(*rows, strict=True)
-        matrix = sparse.csc_matrix((value, (row, column)), shape=(len(right), self.size))
-        return matrix, np.array(right), 1
+        emptying = math.log(1.0 - lander.propellant / lander.mass)
+        rows.keep_above_zero(add((1.0, z[-1:])), np.array([-emptying]))
 
-    def _inverse_masses(self, log_mass: np.ndarray, side: Side) -> Iterator[tuple[Line, Line]]:
-        """Two lines for 1 / m in each period, over the mean of z at some knots.
+        # In some periods, variables with a sign are at most slope sigma + force (N) over the mass.
+        every = np.arange(n)
+        limits = [
+            (-1.0, sigma, every, 0.0, -lander.least_thrust),
+            (1.0, sigma, every, 0.0, lander.largest_thrust),
+        ]
+        # Thrust is tilted by a bounded angle: with engines throttled together its vertical part is not below sigma
+        # times the cosine; else lines bound its size and its vertical part by the flow.
+        if lander.corners:
+            # The flow is not negative, even where the tangent is.
+            rows.keep_above_zero(add((1.0, sigma)), np.zeros(n))
+            for tilt in np.unique(self._tilts):
+                which = np.flatnonzero(self._tilts == tilt)
+                sizes, heights = thrusts(lander.corners, float(tilt))
+                limits += [(1.0, size, which, *line) for line in sizes]
+                limits += [(-1.0, u[:, 2], which, *line) for line in heights]
+        else:
+            upright = add((1.0, u[:, 2]), (-np.cos(self._tilts), sigma))
+            rows.keep_above_zero(upright, np.zeros(n))
+        under, over = self._inverse_masses(log_mass, side)
+        for sign, numbers, which, slope, force in limits:
+            line = over if force > 0.0 else under
+            constant, steep = line[:, which] * force / _ACCELERATION
+            terms = (slope, sigma[which]), (0.5 * steep, z[which]), (0.5 * steep, z[which + 1])
+            rows.keep_above_zero(add((-sign, numbers[which]), *terms), constant)
+
+        # Sizes that no variable exceeds: the largest acceleration all the way, in any direction. Where a variable
+        # may be larger a proof may be wrong.
+        inverse = np.abs([a + b * end for a, b in (under, over) for end in (emptying, 0.0)]).max()
+        flow = lander.largest_thrust / _ACCELERATION * inverse
+        push = max(
+            abs(slope) * flow + abs(force) / _ACCELERATION * inverse
+            for _, _, _, slope, force in limits
+        )
+        time = n * h
+        speed = float(np.linalg.norm(begin[3:6])) + time * (push + descent.gravity / _ACCELERATION)
+        place = float(np.linalg.norm(begin[:3])) + 2.0 * time * speed
+        farthest = np.zeros(self._size)
+        farthest[self._knots] = [*[place] * 3, *[speed] * 3, -emptying]
+        farthest[self._controls] = [push, push, push, flow, push][: self._width]
+        cost = np.zeros(self._size)
+        cost[z[-1]] = -1.0
+        return rows.program(cost, -farthest, farthest)
+
+    def _inverse_masses(self, log_mass: np.ndarray, side: Side) -> tuple[np.ndarray, np.ndarray]:
+        """Two lines for 1 / m in each period, (2, N): constant and slope, 1/kg, over the mean of z at its ends.
 
         The first is a tangent, which is nowhere above 1 / m. The second is the same tangent if the plan is to be
         flown, and a chord, which is above 1 / m, if it is to be a bound. Thrust that is held for a period acts on
-        the mass in its middle, ln of which is the mean of both ends. Where the thrust varies, 1 / m is not below
-        that at the begin, nor above that at the end.
+        the mass in its middle, ln of which is the mean of both ends.
         """
-        full = math.log(self.lander.mass)
-        for k in range(self.count):
-            first, last = ((k,), (k + 1,)) if self.groups == 2 else ((k, k + 1),) * 2
-            middle = float(np.mean(log_mass[[*first]]))
-            inverse = math.exp(-middle)
-            tangent = inverse * (1.0 + middle - full), -inverse, first
-            if side == "flyable":
-                yield tangent, tangent
-                continue
-            # The chord between the masses that can be reached. Both are the dry mass in flights that are too long.
-            light = float(np.mean(self.lightest[[*last]]))
-            heavy = float(np.mean(self.heaviest[[*last]]))
-            above = math.exp(-light)
-            slope = (math.exp(-heavy) - above) / max(heavy - light, 1e-9)
-            yield tangent, (above + slope * (full - light), slope, last)
-
-    def _tilts(self) -> np.ndarray:
-        """(N,) largest tilt of thrust in each period, rad: what a craft can have turned by at its end.
-
-        By then a craft's inertia is that of the lightest that it can be.
-        """
-        limit = np.full(self.count, self.descent.tilt)
-        if self.descent.turning is None:
-            return limit
-        full = math.log(self.lander.mass)
-        growth = np.exp(full - self.lightest[1:])
-        return np.minimum(limit, 0.5 * self.descent.turning * growth * self.times[1:] ** 2)
-
-    def _fixed_cones(self) -> list[tuple[Any, np.ndarray, int]]:
-        """Second-order cones b - A x: of the acceleration, the glide slope and where it ends.
-
-        With widths.
-        """
-        n = self.count
-        descent = self.descent
-        # (sigma or the largest size, u).
-        order = sparse.csc_matrix(
-            ([-1.0, -1.0, -1.0, -1.0], ([0, 1, 2, 3], [self.width - 1, 0, 1, 2])),
-            shape=(4, self.width),
+        full = math.log(self._lander.mass)
+        middle, light, heavy = (
+            0.5 * (one[1:] + one[:-1]) for one in (log_mass, self._lightest, self.heaviest)
         )
-        thrust = sparse.hstack(
-            [
-                sparse.csc_matrix((4 * self.controls, self.knots)),
-                sparse.kron(sparse.eye(self.controls), order),
-            ]
-        )
-        cones = [(thrust.tocsc(), np.zeros(4 * self.controls), 4)]
-        # The glide slope at every knot but the first: (height over tan + margin, x, y).
-        slope = np.zeros((3, 7))
-        slope[0, 2] = -1.0 / math.tan(descent.glide_slope)
-        slope[1, 0] = slope[2, 1] = -1.0
-        later = sparse.hstack([sparse.csc_matrix((n, 1)), sparse.eye(n)])
-        glide = sparse.hstack(
-            [sparse.kron(later, slope), sparse.csc_matrix((3 * n, self.width * self.controls))]
-        )
-        rim = np.tile([descent.margin / _LENGTH, 0.0, 0.0], n)
-        cones.append((glide.tocsc(), rim, 3))
-        for tolerance, unit, offset in (
-            (descent.position_tolerance, _LENGTH, 0),
-            (descent.velocity_tolerance, _SPEED, 3),
-        ):
-            if tolerance > 0.0:
-                ball = _selected(
-                    -sparse.vstack([sparse.csc_matrix((1, 3)), sparse.eye(3)]),
-                    7 * n + offset,
-                    self.size,
-                )
-                cones.append((ball, np.array([tolerance / unit, 0.0, 0.0, 0.0]), 4))
-        return cones
+        inverse = np.exp(-middle)
+        tangent = np.stack([inverse * (1.0 + middle - full), -inverse])
+        if side == "flyable":
+            return tangent, tangent
+        # The chord between the masses that can be reached. Both are the dry mass in flights that are too long.
+        above = np.exp(-light)
+        slope = (np.exp(-heavy) - above) / np.maximum(heavy - light, 1e-9)
+        return tangent, np.stack([above + slope * (full - light), slope])
 
 
-Line = tuple[float, float, tuple[int, ...]]
-"""Constant and slope, 1/kg, over the mean of z at these knots."""
 Lines = tuple[tuple[float, float], ...]
 """Slopes, and intercepts, N, over the flow times the exhaust speed, N."""
 
@@ -724,12 +597,3 @@ def _lines_above(x: np.ndarray, y: np.ndarray) -> Lines:
 
 def _slope(first: tuple[float, float], second: tuple[float, float]) -> float:
     return (second[1] - first[1]) / (second[0] - first[0])
-
-
-def _selected(block: Any, first: int, size: int) -> Any:
-    """A block of columns that begins at one of them, with zeros around it."""
-    rows = block.shape[0]
-    after = size - first - block.shape[1]
-    return sparse.hstack(
-        [sparse.csc_matrix((rows, first)), block, sparse.csc_matrix((rows, after))], format="csc"
-    )

@@ -73,9 +73,6 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
         for k, since in enumerate((0.0, *instants[:-1])):
             combined.append([(t - since) / unit if j >= k else 0.0 for j, t in enumerate(instants)])
     weights = np.unique(combined, axis=0)
-    # Variables: multipliers by ball and axis; what they have less a plane's, by size; and the planes' multipliers.
-    # Cones: these sizes, and q.
-    axes = np.eye(size)
     planes = np.zeros((count, size))
     for k, point in enumerate(waypoints):
         if point.ahead is not None:
@@ -83,29 +80,27 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     behind = np.array([point.behind for point in waypoints]) + farther
     # What measures a multiplier, over the radius. A disc that a velocity at the start thickens lies
     # in an ellipsoid with sqrt(2) times its radius and thickness.
-    shapes = np.tile(axes, (count, 1, 1))
+    shapes = np.tile(np.eye(size), (count, 1, 1))
     for k, point in enumerate(waypoints):
         if point.level is not None:
             thin = farther[k] / radii[k] if farther[k] else 0.0
             radii[k] *= math.sqrt(2.0) if farther[k] else 1.0
             shapes[k] -= (1.0 - thin) * np.outer(point.level, point.level)
+    # Variables: multipliers by ball and axis; what they have less a plane's, by size; and the planes' multipliers.
     width = count * (size + 2)
-    unlimited = np.full(width, 1e6)
+    pulls, sizes, of_planes = np.split(np.eye(width), [count * size, count * (size + 1)])
+    pulls = pulls.reshape(count, size, width)
     rows = Rows(width)
-    signs = np.zeros((count, width))
-    signs[:, count * (size + 1) :] = np.eye(count)
-    rows.keep_above_zero(signs, np.zeros(count))
-    for k in range(count):
-        rest = np.zeros((1 + size, width))
-        rest[0, count * size + k] = 1.0
-        rest[1:, k * size : (k + 1) * size] = shapes[k]
-        rest[1:, count * (size + 1) + k] = -shapes[k] @ planes[k]
-        rows.keep_in_cone(rest[0], 0.0, rest[1:], np.zeros(size))
-    for weight in weights:
-        pull = np.zeros((size, width))
-        pull[:, : count * size] = np.kron(weight, axes)
-        rows.keep_in_cone(np.zeros(width), 1.0, pull, np.zeros(size))
+    rows.keep_above_zero(of_planes, np.zeros(count))
+    # Cones: these sizes, and q.
+    apart = shapes @ (pulls - planes[:, :, None] * of_planes[:, None])
+    q = np.einsum("wk,kin->win", weights, pulls)
+    for heads, constant, tails in (sizes, 0.0, apart), (np.zeros((len(q), width)), 1.0, q):
+        flat = tails.reshape(-1, width)
+        constants = np.full(len(heads), constant)
+        rows.keep_in_cones(heads, constants, flat, np.zeros(len(flat)))
     cost = np.concatenate([-ways.ravel(), radii, behind])
+    unlimited = np.full(width, 1e6)
     program = rows.program(cost, -unlimited, unlimited)
     answer = np.array(program.solve("multipliers of a bound").x)
     multipliers = answer[: count * size].reshape(count, size)
