@@ -1,8 +1,7 @@
 """Any campaign on an executor: ``python -m campaigns [--executor TEXT] NAME OPTIONS``.
 
 A campaign is one of `campaigns.table`, or a module of this package that is a command of its own. With
-``--executor dask:tcp://head:8786`` its jobs run on the workers of a Dask scheduler. See `rans.executors.run_on` for
-the texts.
+``--executor MODULE:NAME`` its jobs run on the executor that this function makes (`rans.executors.run_on`).
 """
 
 from __future__ import annotations

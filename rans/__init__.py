@@ -40,7 +40,6 @@ if TYPE_CHECKING:
     from rans.api.pages import export as export
     from rans.api.pages import report as report
     from rans.api.pages import view as view
-    from rans.api.training import sweep as sweep
     from rans.api.training import train as train
     from rans.api.training import tune as tune
     from rans.errors import ConfigError as ConfigError

@@ -1,41 +1,35 @@
-"""Work of many jobs on any `concurrent.futures.Executor`: Dask, submitit, MPI, or the user's own.
+"""Work of many jobs on any `concurrent.futures.Executor`: of MPI, of Dask, or the user's own.
 
 Jobs and answers are pickled by cloudpickle, so that what a worker gets may not hold files or sockets.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import queue
 import socket
 import sys
 import threading
-import time
 import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Executor, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
-from pathlib import Path
 from typing import Any, TypeVar
 
 import cloudpickle
 
 from rans.errors import ConfigError, RansError, brief, checked
-from rans.files import first_line, package_version, read_text
+from rans.files import first_line, package_version
 from rans.registry import resolve_typed
-from rans.structure import read_toml
 
 Answer = TypeVar("Answer")
 
-FORMS = "dask:ADDRESS, submitit:FILE, mpi, or MODULE:NAME of a function that makes an executor"
-"""Texts that `run_on` and ``--executor`` accept, for messages and help."""
+FORMS = "MODULE:NAME of a function or a class that makes an executor"
+"""Text that `run_on` and ``--executor`` accept, for messages and help."""
 
 _ATTEMPTS = 4
 """Times that a job is submitted: a worker may be lost three times, as often as Dask allows by default."""
-_PERIOD = 0.5
-"""Time between two questions to submitit whether jobs have ended, s; SLURM itself is asked more seldom."""
 
 _chosen: ContextVar[Executor | None] = ContextVar("executor", default=None)
 _sent: list[int] = []
@@ -90,14 +84,12 @@ def run_on(executor: Executor | str) -> Iterator[Executor]:
     100.0
 
     Args:
-        executor: a `concurrent.futures.Executor`, which the caller closes, or a text: ``dask:ADDRESS`` of a
-            scheduler (or the path of its JSON file), ``submitit:FILE`` with a TOML file, ``mpi``, or
-            ``MODULE:NAME`` of a function without arguments that returns an executor; an executor of a text is
-            closed at the end.
+        executor: a `concurrent.futures.Executor`, which the caller closes, or the text ``MODULE:NAME`` of a
+            function or a class without arguments that makes one, such as ``mpi4py.futures:MPIPoolExecutor``, which
+            is closed at the end.
 
     Raises:
-        ConfigError: the text has no such form, or its executor cannot be made; a missing package is named with the
-            command that installs it.
+        ConfigError: the text has no such form, or what it names makes no executor.
     """
     opened: AbstractContextManager[Executor] = (
         _opened(executor)
@@ -282,16 +274,10 @@ def use_one_thread() -> None:
         torch.set_num_threads(1)
 
 
-def _opened(text: str) -> AbstractContextManager[Executor]:
-    """The executor of a text, as a context that shuts it down; see `run_on`."""
-    kind, _, rest = text.partition(":")
-    if text == "mpi":
-        return _package("mpi4py.futures", "mpi4py").MPIPoolExecutor()
-    if kind == "dask" and rest:
-        return _dask(rest)
-    if kind == "submitit" and rest:
-        return _Submitit(Path(rest))
-    if not (kind and rest):
+def _opened(text: str) -> Executor:
+    """The executor of a text; see `run_on`."""
+    module, _, name = text.partition(":")
+    if not (module and name):
         raise ConfigError(f"--executor must be {FORMS}; got {brief(text)}.")
     executor = resolve_typed(text)()
     if not isinstance(executor, Executor):
@@ -299,122 +285,3 @@ def _opened(text: str) -> AbstractContextManager[Executor]:
             f"--executor {text} must return a concurrent.futures.Executor, got {brief(executor)}."
         )
     return executor
-
-
-def _package(module: str, package: str) -> Any:
-    """A module of a package that RANS does not install, or a `ConfigError` that says how to get it."""
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        raise ConfigError(
-            f"this executor needs the package {package}, which is not installed: pip install {package}"
-        ) from error
-    except (ImportError, RuntimeError) as error:  # mpi4py finds no library of MPI
-        raise ConfigError(
-            f"the package {package} cannot be imported: {first_line(error)}."
-        ) from error
-
-
-@contextmanager
-def _dask(address: str) -> Iterator[Executor]:
-    """Context with the executor of a Dask scheduler at an address, or described by a file that it has written."""
-    distributed = _package("distributed", "distributed")
-    where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
-    try:
-        client = distributed.Client(**where, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise ConfigError(
-            f"no Dask scheduler answers at {address}: {first_line(error)}; start one by `dask scheduler`."
-        ) from error
-    with client:
-        yield _Dask(client)
-
-
-class _Dask(Executor):
-    """Executor of a Dask client that sends the state of jobs once to each worker instead of once with each job.
-
-    Args:
-        client: client of the scheduler.
-    """
-
-    def __init__(self, client: Any) -> None:
-        self._client = client
-        self._pool = client.get_executor()
-        self._states: dict[bytes, Any] = {}
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:  # type: ignore[override]
-        """Submit a call; see `_job` for its arguments."""
-        version, state, content = arguments
-        # A result of a task, unlike scattered data, is computed again if its worker is lost.
-        if state not in self._states:
-            self._states = {state: self._client.submit(bytes, state)}
-        return self._pool.submit(function, version, self._states[state], content)
-
-
-class _Submitit(Executor):
-    """Executor of submitit: jobs of SLURM, or processes of this machine with ``cluster = "local"``.
-
-    What is submitted within a moment is one job array.
-
-    Args:
-        file: TOML file with ``folder``, which all machines see, optionally ``cluster``, and parameters of
-            ``submitit.AutoExecutor.update_parameters``, such as ``timeout_min`` and ``slurm_partition``.
-    """
-
-    def __init__(self, file: Path) -> None:
-        submitit = _package("submitit", "submitit")
-        parameters = read_toml(read_text(file))
-        try:
-            folder = parameters.pop("folder", "runs/submitit")
-            self._jobs = submitit.AutoExecutor(folder, cluster=parameters.pop("cluster", None))
-            self._jobs.update_parameters(**parameters)
-        except Exception as error:
-            raise ConfigError(f"submitit refuses {file}: {first_line(error)}.") from error
-        self._new: queue.SimpleQueue[tuple[Future[Any], tuple[Any, ...]]] = queue.SimpleQueue()
-        self._begun: dict[Any, Future[Any]] = {}
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._watch, daemon=True)
-        self._thread.start()
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any) -> Future[Any]:  # type: ignore[override]
-        """Submit a call."""
-        future: Future[Any] = Future()
-        self._new.put((future, (function, *arguments)))
-        return future
-
-    def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Cancel all jobs that have not ended: none is awaited any more."""
-        self._closed.set()
-        self._thread.join()
-        for job in self._begun:
-            job.cancel()
-
-    def _watch(self) -> None:
-        """Submit new calls as arrays, and hand over the results of jobs that have ended.
-
-        It runs in a thread of its own, alone with ``_begun``.
-        """
-        while not self._closed.is_set():
-            new = [self._new.get() for _ in range(self._new.qsize())]
-            # A future that was cancelled before it began is left out.
-            new = [(future, call) for future, call in new if future.set_running_or_notify_cancel()]
-            if new:
-                self._begin(new)
-            for job in [job for job in self._begun if job.done()]:
-                future = self._begun.pop(job)
-                try:
-                    future.set_result(job.result())
-                except Exception as error:
-                    future.set_exception(error)
-            time.sleep(_PERIOD)
-
-    def _begin(self, new: Sequence[tuple[Future[Any], tuple[Any, ...]]]) -> None:
-        """Submit calls as one array of jobs; if that fails, each future has the exception."""
-        try:
-            with self._jobs.batch():
-                jobs = [self._jobs.submit(*call) for _, call in new]
-        except Exception as error:  # sbatch fails in many ways
-            for future, _ in new:
-                future.set_exception(error)
-        else:
-            self._begun.update(zip(jobs, (future for future, _ in new), strict=True))

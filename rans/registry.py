@@ -47,8 +47,8 @@ TRUST_VARIABLE = "RANS_TRUST"
 def trust_files() -> None:
     """Allow files to name objects as MODULE:NAME, whose code then runs, as ``--trust`` does.
 
-    It applies to this process and those that it starts from now on. Use it only for run folders, configs and sweeps
-    whose authors you trust.
+    It applies to this process and those that it starts from now on. Use it only for run folders and configs whose
+    authors you trust.
 
     >>> rans.trust_files()
     >>> agent = rans.load_agent("go-to-pose-2d")

@@ -61,7 +61,6 @@ def examples() -> list[doctest.DocTest]:
 SLOW_EXAMPLES = {
     "validation.functions.benchmark",
     "rans_assurance.functions.stress",
-    "rans.api.training.sweep",
 }
 """Which take seconds, and whose commands have quick tests."""
 

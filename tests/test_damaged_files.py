@@ -14,13 +14,11 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import load_exported
 from rans.evaluation.fly.tuned import Tuned, arguments
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.sweep import read_configs
 from rans.files import write_json
 from rans.pretrained import pretrained_folder
 from rans.show.pages.report import report_from_run
 from rans.tasks import GoToPose
 from tests.support.damage import check
-from tests.support.training import CONFIG
 from tests.support.written_files import RESULTS, TUNED
 
 
@@ -55,13 +53,6 @@ def test_results(name: str, tmp_path: Path) -> None:
     write_json(tmp_path / name, RESULTS[name])
     write_json(tmp_path / "config.json", {"seed": 0, "about": {"command": "c"}})
     check([tmp_path / name], lambda: report_from_run(tmp_path), 2)
-
-
-def test_configs_of_sweeps(tmp_path: Path) -> None:
-    from rans.fast.learn.config import to_table
-
-    write_json(tmp_path / "configs.json", {"command": "c", "configs": [to_table(CONFIG)]})
-    check([tmp_path / "configs.json"], lambda: read_configs(tmp_path), 2)
 
 
 def test_tuned_settings(tmp_path: Path) -> None:

@@ -29,7 +29,6 @@ TINY = (
 )
 SHORTER = {
     "train": TINY,
-    "sweep": TINY,
     "evaluate": "--episodes 2",
     "compare": "--episodes 2 --certified 0",
     "stress": "--episodes 2 --only latency",
@@ -109,7 +108,6 @@ EVERY = (
     "export go-to-pose-2d --format onnx --output onnx",
     "export go-to-pose-2d --format numpy --output numpy",
     "tune lqr:go-to-pose-2d@own.toml --seconds 1",
-    "sweep go-to-pose --seeds 2",
     "stress go-to-pose-2d lqr --output stress",
     "assure go-to-pose-2d --output assured",
     "follow track-velocity-2d --episodes 1",

@@ -24,7 +24,6 @@ from rans.evaluation.fly.user_policy import user_policy
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import read_config
-from rans.fast.learn.sweep import read_configs
 from rans.files import write_json
 from rans.model.spacecraft_file import load_spacecraft, read_spacecraft
 from rans.pretrained import pretrained_folder
@@ -206,29 +205,6 @@ ANSWERS: Answers = {
         ),
         "evidence": Answer(
             table("config.json", read_config, lambda x: x.update(task="go-to-mars")), "go-to-mars"
-        ),
-    },
-    "read_configs": {
-        "units": "those of read_config, which reads each entry",
-        "frames": "a training has none",
-        "times": "those of read_config",
-        "order": "each key has one meaning",
-        "dropped": Answer(
-            written(
-                "configs.json",
-                json.dumps({"command": "c", "configs": [{"wings": 2}]}),
-                lambda file: read_configs(file.parent),
-            ),
-            r"configs\.json",
-        ),
-        "sizes": "one entry for each training that it lists",
-        "evidence": Answer(
-            written(
-                "configs.json",
-                json.dumps({"command": "c", "configs": 3}),
-                lambda file: read_configs(file.parent),
-            ),
-            r"configs\.json",
         ),
     },
     "read_policy": {

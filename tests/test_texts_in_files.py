@@ -103,7 +103,6 @@ EVERYTHING = replace(CONFIG, algorithm="value", learner=TINY, total_timesteps=1)
 RUN = [
     command("train --resume run"),
     command("train run/config.json --output out"),
-    command("sweep run/config.json --seeds 1 --output out"),
     command("report run"),
     lambda: rans.load_agent("run"),
 ]
@@ -172,15 +171,6 @@ def test_recipe(here: Path) -> None:
         shutil.rmtree("out", ignore_errors=True)
 
 
-@pytest.mark.slow
-def test_configs_of_a_sweep(here: Path) -> None:
-    table = json.loads(json.dumps(to_table(EVERYTHING)))
-    for _, changed in texts({"command": "rans sweep", "configs": [table]}):
-        shutil.rmtree("sweep", ignore_errors=True)
-        write_json(Path("sweep/configs.json"), changed)
-        call(command("sweep --resume sweep"))
-
-
 def test_spacecraft_and_conditions(here: Path) -> None:
     craft = read_toml(
         Path(rans.__file__)
@@ -225,7 +215,6 @@ def test_contract_of_an_export(here: Path, trained: Path) -> None:
 
 def test_results(here: Path) -> None:
     more = {
-        "sweep.json": RESULTS["sweep.json"] | {"best": "0"},
         "card.json": {"training": "x", "agent": "y"},
     }
     for name, table in (RESULTS | more).items():

@@ -17,7 +17,6 @@ import rans
 from rans.cli import _parse, main
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
-from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
@@ -37,7 +36,7 @@ craft = load_spacecraft("floating-platform")
 
 @pytest.fixture
 def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
-    """A run folder, a config and a sweep of a stranger, whose module lies beside them."""
+    """A run folder and a config of a stranger, whose module lies beside them."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("RANS_TRUST", "")
@@ -49,9 +48,6 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Itera
     table = json.loads((folder / "config.json").read_text()) | {"task": "strangers:Task"}
     write_json(folder / "config.json", table)
     write_json(Path("craft.json"), table | {"task": "go-to-pose", "spacecraft": "strangers:craft"})
-    odd = to_table(CONFIG) | {"spacecraft": "strangers:craft"}
-    shutil.copytree(folder, "sweep/members/0")
-    write_json(Path("sweep/configs.json"), {"command": "", "configs": [to_table(CONFIG), odd]})
     yield folder
     sys.modules.pop("strangers", None)
 
@@ -67,7 +63,6 @@ COMMANDS = [
     "train --resume run",
     "train run/config.json",
     "train craft.json",
-    "sweep --resume sweep",
 ]
 
 
@@ -122,15 +117,8 @@ def test_a_file_calls_nothing_of_modules_that_are_loaded(
 ) -> None:
     table = json.loads((run / "config.json").read_text()) | {"task": "go-to-pose", entry: reference}
     write_json(Path("odd.json"), table)
-    listed = {"command": "", "configs": [{key: table[key] for key in to_table(CONFIG)}]}
-    write_json(Path("sweep/configs.json"), listed)
-    for command in (
-        ["train", "odd.json"],
-        ["sweep", "odd.json"],
-        ["sweep", "--resume", "sweep"],
-    ):
-        assert main(command) == 2
-        assert f"names the {entry} {reference!r}" in " ".join(capsys.readouterr().err.split())
+    assert main(["train", "odd.json"]) == 2
+    assert f"names the {entry} {reference!r}" in " ".join(capsys.readouterr().err.split())
     assert not WRITTEN.exists()
     assert not os.environ["RANS_TRUST"]
 

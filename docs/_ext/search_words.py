@@ -237,7 +237,7 @@ WORDS: dict[str, tuple[str, ...]] = {
     ),
     "speed": ("throughput", "steps per second", "fps", "performance"),
     "assurance/stress": ("robustness", "stress test", "sensitivity analysis"),
-    "sweep": (
+    "many_gpus": (
         "hyperparameter",
         "hyperparameters",
         "hyper-parameter",

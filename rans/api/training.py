@@ -1,16 +1,15 @@
-"""Training of agents, sweeps over seeds and hyper-parameters, and tuning of controllers.
+"""Training of agents, and tuning of controllers.
 
 Commands and Python share these functions, so that a config made by either is equal (`tests/api/test_training.py`).
 """
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import os
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
@@ -20,7 +19,7 @@ from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.choices import Quality
-from rans.errors import ConfigError, NonFiniteState, checked, whole
+from rans.errors import ConfigError, checked, whole
 from rans.files import inside, made_by
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
@@ -34,7 +33,6 @@ from rans.tasks import Task, registered_name
 if TYPE_CHECKING:
     from rans.evaluation.fly.tuned import Tuned
     from rans.fast.learn.config import PPOSettings, TrainConfig
-    from rans.fast.learn.sweep import Sweep
     from rans.fast.learn.trainer import Trainer
 
 
@@ -159,96 +157,6 @@ def ready_trainer(
     if world.is_first:
         run_folder.begin(config, made_by("rans.train"), to_toml(craft) if is_own else "")
     return trainer
-
-
-@settled_alone
-def sweep(
-    task: str | Task = "go-to-pose",
-    spacecraft: SpacecraftLike | None = None,
-    *,
-    seeds: int = 8,
-    device: str | None = None,
-    total_timesteps: int | None = None,
-    conditions: ConditionsLike | None = None,
-    algorithm: str | None = None,
-    output: str | Path | None = None,
-    **settings: Any,
-) -> Sweep:
-    """Train many agents: every seed with every combination of settings.
-
-    >>> folder = tempfile.mkdtemp()
-    >>> found = rans.sweep("go-to-pose", seeds=1, total_timesteps=8192, learning_rate=[1e-3, 2e-3],
-    ...                    output=f"{folder}/sweep")
-    >>> [row["ppo.learning_rate"] for row in found.results()]
-    [0.001, 0.002]
-    >>> rans.load_agent(f"{folder}/sweep/best")
-    <best: GoToPose for floating-platform>
-
-    Args:
-        task: task to learn (see `rans list TASKS`), the name of an agent that comes with RANS, or a recipe of your
-            own, a .toml file.
-        spacecraft: see `train`.
-        seeds: number of seeds, counted from 0.
-        device: see `train`.
-        total_timesteps: environment steps after which each member ends, solved or not; by default the preset's.
-        conditions: see `train`.
-        algorithm: learner: ppo, or one of an installed package.
-        output: folder for the results; by default a new one under runs/.
-        **settings: entries of the config by name; a list has the values to combine.
-
-    Raises:
-        ConfigError: one of these does not exist, or the folder exists.
-        NonFiniteState: every member diverged.
-    """
-    from rans.show.progress import watched
-    from rans.show.sweep_files import save_sweep
-
-    if isinstance(spacecraft, Spacecraft):
-        raise ConfigError(
-            "members of a sweep name their spacecraft: write it to a TOML file, and give its name."
-        )
-    # A member is one seed with one combination; results keep this order.
-    configs = members(
-        task,
-        {key: value if isinstance(value, list) else [value] for key, value in settings.items()},
-        seeds,
-        spacecraft=spacecraft,
-        device=device,
-        conditions=conditions,
-        algorithm=algorithm,
-        total_timesteps=total_timesteps,
-    )
-    result = ready_sweep(configs, output)
-    with watched() as stage:
-        step = stage(f"{len(configs)} trainings", len(configs))
-        result.train(lambda _: step(1))
-    if not result.has_agent:
-        raise NonFiniteState(f"all members of {result.path} diverged: lower the learning rate.")
-    save_sweep(result, result.path)
-    return result
-
-
-def ready_sweep(configs: Sequence[TrainConfig], output: str | Path | None) -> Sweep:
-    """Sweep of these members that is ready to train.
-
-    Args:
-        configs: config of each member.
-        output: its folder, which must not exist; None: a new one under runs/.
-
-    Raises:
-        ConfigError: the folder exists.
-    """
-    from rans.fast.distributed import join
-    from rans.fast.learn.run_folder import unused_path
-    from rans.fast.learn.sweep import Sweep
-
-    first = configs[0]
-    if output is None:
-        folder = unused_path(f"sweep-{first.task}-{Path(first.spacecraft).stem}")
-    elif (folder := Path(output)).exists():
-        raise ConfigError(f"{output} exists already; choose another folder with --output.")
-    world = join(first.device, apart=True)
-    return Sweep(configs, world.from_first(folder), made_by("rans.sweep"), world)
 
 
 @settled_alone
@@ -479,32 +387,6 @@ def _check_unchanged(spacecraft: str, config: Path) -> None:
             f"{spacecraft} has changed since {config} was used: {then}, "
             f"--spacecraft {shlex.quote(spacecraft)} the present one."
         )
-
-
-def members(
-    task: str | Task, choices: Mapping[str, Sequence[Any]], seeds: int, **options: Any
-) -> list[TrainConfig]:
-    """Configs of a sweep: every combination of values of entries by name, whose seeds are adjacent.
-
-    Spacecraft and conditions may be names and files. Options are those of `config_of`.
-
-    Raises:
-        ConfigError: one of these does not exist, or the seeds are given twice.
-    """
-    if whole("seeds", seeds) > 1 and "seed" in choices:
-        raise ConfigError(f"--set seed=... would train the same {seeds} times; add --seeds 1.")
-    results: list[TrainConfig] = []
-    for combination in itertools.product(*choices.values()):
-        changes = dict(zip(choices, combination, strict=True))
-        named = {
-            name: changes.pop(name)
-            for name in ("spacecraft", "conditions")
-            if isinstance(changes.get(name), str)
-        }
-        config = config_of(task, **options | named, changes=changes)
-        each = [config] if "seed" in changes else [replace(config, seed=k) for k in range(seeds)]
-        results += each
-    return results
 
 
 def _name(task: str | Task) -> str:

@@ -45,7 +45,6 @@ def _checked(command: Any) -> type[Command]:
 
 BUILT_IN = (
     "train",
-    "sweep",
     "evaluate",
     "view",
     "optimal",

@@ -29,16 +29,14 @@ class Report(Options):
         from rans.fast.learn.run_folder import RunFolder
         from rans.show.pages.report import solved_share
 
-        for folder in (self.run_folder, self.run_folder / "best"):  # of a training, of a sweep
-            run = RunFolder(folder)
-            if not run.agent_file.exists():
-                continue
-            share = solved_share(folder)
-            if share is not None and share < _WORTH_EXPORTING and run.has_checkpoint:
-                trust = trust_option(run.config(), run.spacecraft())
-                return (train_on(folder, int(run.metrics()[-1]["steps"]), trust),)
-            return (shlex.join(["rans", "export", str(folder), "--format", "c"]),)
-        return ("rans list AGENTS",)
+        run = RunFolder(self.run_folder)
+        if not run.agent_file.exists():
+            return ("rans list AGENTS",)
+        share = solved_share(self.run_folder)
+        if share is not None and share < _WORTH_EXPORTING and run.has_checkpoint:
+            trust = trust_option(run.config(), run.spacecraft())
+            return (train_on(self.run_folder, int(run.metrics()[-1]["steps"]), trust),)
+        return (shlex.join(["rans", "export", str(self.run_folder), "--format", "c"]),)
 
     def run(self) -> int:
         """Write report.html into the run folder and print a summary; the exit code is 0."""

@@ -86,7 +86,7 @@ def _parts(text: str) -> tuple[str, str]:
     if first == "pretrained":
         raise ConfigError(
             f"rans tune searches settings of a controller, and {brief(text)} is an agent, which has none: name a "
-            "controller, as in lqr:go-to-pose-2d@mine.toml; rans sweep searches settings of trainings."
+            "controller, as in lqr:go-to-pose-2d@mine.toml."
         )
     if not setup or first in CONTROLLERS:
         return first, setup

@@ -1,6 +1,6 @@
 """Distributed processes started by torchrun, each with a GPU and its share of the environments of a training.
 
-In sweeps and assurance the processes divide members or flights and work independently. In one training process r of
+In assurance the processes divide flights and work independently. In one training process r of
 n owns every n-th environment of the batch, from environment r on, with the random numbers that these environments
 have in a single process. A minibatch thus has the same transitions for any number of processes, and averaged
 gradients are those of one process up to the order of summation.

@@ -21,7 +21,6 @@ DOORS: dict[str, Any] = {
 """Commands made from functions, by name, with those of installed packages."""
 OTHERWISE = {
     ("train", "task"): "--resume and the config.json of a run stand in its place",
-    ("sweep", "task"): "the same",
     ("optimal", "task"): "a terminal asks for it",
     ("optimal", "start"): "Python counts the starts, and the terminal has --episodes",
     ("identify", "spacecraft"): "--excite has it in its own text",

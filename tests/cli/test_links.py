@@ -10,21 +10,15 @@ from typing import Any
 import pytest
 
 from rans.cli import main
-from rans.fast.learn.config import to_table
-from rans.files import write_json
-from tests.support.training import CONFIG
 
 FLOWN = "--episodes", "2", "--seed", "1"
 
 
 @pytest.fixture
 def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A copy in the current folder, and a sweep whose first member it is."""
+    """A copy in the current folder."""
     monkeypatch.chdir(tmp_path)
-    folder = Path(shutil.copytree(trained, "run"))
-    shutil.copytree(folder, "sweep/members/0")
-    write_json(Path("sweep/configs.json"), {"command": "", "configs": [to_table(CONFIG)]})
-    return folder
+    return Path(shutil.copytree(trained, "run"))
 
 
 @pytest.mark.parametrize(
@@ -42,8 +36,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("assure run --episodes 8", "assurance.json"),
         ("export run --output shipped --force", "metrics.jsonl"),
         ("report run", "evaluation-of-a-stranger.json"),
-        ("report run", "sweep.json"),
-        ("sweep --resume sweep", "../sweep/configs.json"),
+        ("report run", "compare.json"),
     ],
 )
 def test_a_file_that_is_a_link_is_refused(
@@ -64,9 +57,6 @@ def test_a_file_that_is_a_link_is_refused(
     ("command", "place"),
     [
         ("train --resume run", "tensorboard"),
-        ("sweep --resume sweep", "../sweep/members"),
-        ("sweep --resume sweep", "../sweep/members/0"),
-        ("sweep --resume sweep", "../sweep/best"),
         ("stress run --episodes 2 --only latency", "stress"),
     ],
 )

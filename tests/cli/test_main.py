@@ -58,7 +58,6 @@ def test_letters_that_the_output_does_not_know() -> None:
     ("option", "kind"),
     [
         ("train --seed", "a whole number"),
-        ("sweep --seeds", "a whole number"),
         ("assure x --failure-below", "a number"),
         ("compare x --certified", "a whole number"),
     ],

@@ -40,12 +40,9 @@ def test_writes_the_page_and_ends_with_where_it_is(
     assert "Something has failed." in (run / "report.html").read_text("utf-8")
 
 
-@pytest.mark.parametrize("within", ["", "best"])
-def test_the_agent_of_a_training_or_a_sweep_is_what_to_export(within: str, run: Path) -> None:
-    folder = run / within
-    folder.mkdir(exist_ok=True)
-    (folder / "agent.safetensors").touch()
-    assert Report(run).following() == (f"rans export {folder} --format c",)
+def test_the_agent_of_a_training_is_what_to_export(run: Path) -> None:
+    (run / "agent.safetensors").touch()
+    assert Report(run).following() == (f"rans export {run} --format c",)
 
 
 def test_an_agent_that_seldom_solves_is_trained_on(tmp_path: Path) -> None:

@@ -18,14 +18,12 @@ from torch.multiprocessing.spawn import start_processes
 from rans.cli import main
 from rans.episode import Setup
 from rans.errors import WorkerLost
-from rans.fast.agent_files.agent import read_policy
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of, begin, statistics
 from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
-from rans.fast.learn.sweep import Sweep
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
@@ -33,7 +31,7 @@ from rans.tasks import TASKS
 from tests.support.command_runs import tiny
 from tests.support.engines import NEAR, PLATFORM, SHORT
 from tests.support.processes import PATIENCE, free_port, python
-from tests.support.training import CONFIG, TINY, weights
+from tests.support.training import TINY, weights
 
 ROOT = Path(__file__).parents[2]
 
@@ -92,18 +90,16 @@ def one_of_two(rank: int, folder: Path) -> None:
 
 
 def one_of_two_apart(rank: int, folder: Path) -> None:
-    """A process of two, which work on members and flights of their own."""
+    """A process of two, which work on flights of their own."""
     torch.set_num_threads(1)
     dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
-    torch.save(told(folder / "sweep", Processes(rank, 2)), folder / f"{rank}-apart.pt")
+    torch.save(told(Processes(rank, 2)), folder / f"{rank}-apart.pt")
     dist.barrier()
     os._exit(0)  # see above
 
 
-def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
-    """What a process knows at the end of a sweep of three members, and of 7 and 5 flights."""
-    sweep = Sweep([replace(CONFIG, seed=seed) for seed in range(3)], folder, processes=world)
-    sweep.train()
+def told(world: Processes = ALONE) -> dict[str, Any]:
+    """What a process knows at the end of 7 and 5 flights."""
     craft = load_spacecraft("floating-platform")
     task = TASKS["go-to-pose"]()
     engine = Engine(craft, task, 1)
@@ -115,14 +111,7 @@ def told(folder: Path, world: Processes = ALONE) -> dict[str, Any]:
         "cpu",
         processes=world,
     )
-    agents = [read_policy(sweep.run(number).trained_file).network for number in range(3)]
-    return {
-        "members": [weights(agent).tolist() for agent in agents],
-        "steps": [[row["steps"] for row in member.rows] for member in sweep.members],
-        "timed": sweep.timed_steps,
-        "flights": campaign.flights,
-        "listed": campaign.listed,
-    }
+    return {"flights": campaign.flights, "listed": campaign.listed}
 
 
 @pytest.mark.slow
@@ -153,9 +142,9 @@ def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_processes_that_work_apart_know_what_one_would(tmp_path: Path) -> None:
-    """Members and flights are divided, and what became of all is known to all."""
+    """Flights are divided, and what became of all is known to all."""
     start_processes(one_of_two_apart, (tmp_path,), nprocs=2)
-    alone = told(tmp_path / "alone")
+    alone = told()
     assert len(alone["listed"]) == alone["flights"] == 12  # an untrained agent fails
     for rank in range(2):
         assert torch.load(tmp_path / f"{rank}-apart.pt", weights_only=False) == alone

@@ -71,18 +71,4 @@ def contents() -> dict[str, Any]:
             "command": "rans assure agent",
             "bounds": {"any": BOUND, "LEFT": BOUND},
         },
-        "sweep.json": {
-            "best": 0,
-            "members": [
-                {
-                    "member": 0,
-                    "seed": 0,
-                    "diverged": False,
-                    "solved": True,
-                    "steps": 1000,
-                    "success": 1.0,
-                    "rate": "1e-3",
-                }
-            ],
-        },
     }

@@ -22,12 +22,6 @@ _HELD = {"value": 1.0, "low": 0.0, "high": 1.0}
 _LEVEL = {"size": None, "contestants": {"lqr": {"held": _HELD}}}
 _CHECK = {"name": "n", "value": 1.0, "tolerance": 2.0, "unit": "m", "passed": True, "reason": "r"}
 RESULTS: dict[str, Any] = {
-    "sweep.json": {
-        "members": [
-            {"member": 0, "seed": 0, "lr": 1e-3, "solved": True, "steps": 1, "success": 1.0}
-        ],
-        "best": 0,
-    },
     "compare.json": {"title": "t", "failures": ["f"], "notes": ["n"], "summary": [_ROW]},
     "stress.json": {"title": "t", "failures": ["f"], "conditions": {"lab": _LEVEL}},
     "validation.json": {

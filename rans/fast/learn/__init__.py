@@ -1,1 +1,1 @@
-"""Trainers on the engine's device, and sweeps of them."""
+"""Trainers on the engine's device."""

@@ -1,4 +1,4 @@
-"""Protocol of learners, which trainer, sweeps and agent files use."""
+"""Protocol of learners, which trainer and agent files use."""
 
 from __future__ import annotations
 

@@ -122,7 +122,6 @@ class RunFolder:
         """Training config; ConfigError if the folder has none, or one of another version."""
         if not self.config_file.exists():
             why = f"there is nothing of that name{meant_file(self.path)}"
-            best = self.path / "best"
             if self.path.is_file() and (self.path.parent / "config.json").exists():
                 why = f"it is a file of one; name its folder, {self.path.parent}"
             elif self.path.suffix in (".zip", ".onnx"):
@@ -134,8 +133,6 @@ class RunFolder:
             elif self.path.exists():
                 within = files.folders_with(self.path, ("config.json",))
                 why = f"it has no config.json{within}"
-            if (best / "config.json").exists():
-                why += f"; the best agent of this sweep is {best}"
             raise ConfigError(f"{self.path} is not a run folder: {why}.")
         return read_config(self.config_file)
 
@@ -214,10 +211,6 @@ def read_config(file: Path) -> TrainConfig:
 
 def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
     """First unused folder for a training of this config."""
-    return unused_path(f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}", folder)
-
-
-def unused_path(stem: str, folder: Path = Path("runs")) -> Path:
-    """Folder of this name, or the first with a numeric suffix that does not exist."""
+    stem = f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}"
     candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
     return next(path for path in candidates if not path.exists())

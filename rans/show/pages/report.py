@@ -5,7 +5,6 @@ Files in a run folder may be of older versions or a stranger's: every value is c
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -32,9 +31,8 @@ from rans.show.curve import learning_charts
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Fact, Finding, Page, Picture, Section, Tile, header, named, show
 from rans.show.pages.race import median_and_slowest
-from rans.show.palette import ORANGE, series_style
+from rans.show.palette import series_style
 from rans.table import Table
-from rans.tasks.quantities import QUANTITIES
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
@@ -67,7 +65,7 @@ def report_from_run(run: Path) -> Page:
 
     A run may hold ``config.json``, ``validation.json`` (checks), ``metrics.jsonl`` (training),
     ``evaluation.json`` (one or several `Metrics`), ``evaluation.svg``, ``episode.svg``, the same of
-    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, ``sweep.json``, and the files of installed
+    protocols and tasks, as ``evaluation-paper.json``, ``compare.json``, and the files of installed
     packages (`SECTIONS`).
     `ConfigError` if there is no such folder or it holds no results, or a file is damaged or a link, or
     a picture does more than to draw.
@@ -110,12 +108,12 @@ def sections_of(run: Path) -> list[tuple[Path, Section]]:
             for pattern, build in SECTIONS.each()
             for file in sorted(run.glob(pattern), key=lambda file: file.stem)
         ),
-        ("sweep.json", partial(_sweep, inside(run, "metrics.jsonl"))),
+        (
+            "metrics.jsonl",
+            partial(training_section, name=run.resolve().name, method=_method(run)),
+        ),
         ("validation.json", validation_section),
     ]
-    if not (run / "sweep.json").is_file():  # its rows are of all members, one after the other
-        training = partial(training_section, name=run.resolve().name, method=_method(run))
-        builders.insert(-1, ("metrics.jsonl", training))
     return [(run / name, s) for name, build in builders if (s := _read(run / name, build))]
 
 
@@ -269,9 +267,14 @@ def _method(run: Path) -> str:
 
 def training_section(
     rows: Sequence[Mapping[str, Any]], name: str = "", method: str = ""
-) -> Section:
-    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys."""
+) -> Section | None:
+    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys.
+
+    None for rows of many trainings, as `rans sweep` of version 0.3 wrote them.
+    """
     last = rows[-1]
+    if "member" in last:
+        return None
     hero = ""
     if {"success", "steps"} <= last.keys():
         hero = (
@@ -287,76 +290,6 @@ def training_section(
         pictures=[Picture.of(chart) for chart in learning_charts(rows)],
         hero=hero,
         tiles=[Tile(what, value) for what, value in summary],
-    )
-
-
-def sweep_table(sweep: Mapping[str, Any]) -> Table:
-    """A row a member in the order of a sweep, the best marked; errors are those at the end of episodes."""
-    members = sweep["members"]
-    keys = list(members[0])
-    varied = keys[keys.index("seed") + 1 : keys.index("solved")]
-    errors = {
-        key: QUANTITIES[key.rsplit("/", 1)[1]].display
-        for key in dict.fromkeys(key for member in members for key in member)
-        if key.startswith("error/")
-    }
-    columns = (
-        "seed",
-        *(key.rsplit(".", 1)[-1].replace("_", "\n") for key in varied),
-        "solved",
-        "steps\nM",
-        "time\ns",
-        "success\n%",
-        "duty\n%",
-        *(f"{key.removeprefix('error/')}\n{unit}" for key, (_, unit) in errors.items()),
-    )
-    factors = {"steps": 1e-6, "seconds": 1.0, "success": 100.0, "duty": 100.0}
-    factors |= {key: factor for key, (factor, _) in errors.items()}
-    rows = [
-        (
-            str(member["seed"]),
-            *(json.dumps(member[key], separators=(",", ":")) for key in varied),
-            "diverged" if member["diverged"] else "yes" if member["solved"] else "no",
-            *(figure(k * number(member.get(key, math.nan)), ".2f") for key, k in factors.items()),
-        )
-        for member in members
-    ]
-    best = [k for k, member in enumerate(members) if member["member"] == sweep["best"]]
-    return Table(columns, rows, right=columns[len(varied) + 2 :], marked=best)
-
-
-def _sweep(file: Path, sweep: Mapping[str, Any]) -> Section:
-    """Section of a sweep: results of every member, and how each learned, from the file of all rows."""
-    members = sweep["members"]
-    solved = f"{sum(member['solved'] for member in members)} of {counted(len(members), 'member')}"
-    best = str(sweep["best"])
-    lines = read_json_lines(file) if file.is_file() else []
-    series = [
-        Series(
-            f"best, member {best}" if str(member["member"]) == best else "",
-            [
-                Mark(line["steps"], 100.0 * line["success"])
-                for line in lines
-                if line.get("member") == member["member"]
-            ],
-            ORANGE if str(member["member"]) == best else "var(--soft)",
-            "",
-            "solid",
-        )
-        for member in members
-    ]
-    caption = "Episodes solved while training; the best is orange."
-    chart = Chart("environment steps a member", "solved, %", series, caption)
-    pictures = [] if chart.is_empty else [Picture.of(chart)]
-    return Section(
-        "Sweep",
-        tables=[sweep_table(sweep)],
-        pictures=pictures,
-        findings=[Finding(f"{solved} solved the task; the best is members/{best}.")],
-        summary=[
-            Fact("members that solved the task", solved),
-            Fact("best agent", f"members/{best}"),
-        ],
     )
 
 

@@ -68,10 +68,6 @@ def test_what_is_no_run(tmp_path: Path) -> None:
     for folder, why in ((tmp_path, "it has no config.json"), (tmp_path / "x", "there is nothing")):
         with pytest.raises(ConfigError, match=f"is not a run folder: {why}"):
             RunFolder(folder).config()
-    (tmp_path / "best").mkdir()
-    (tmp_path / "best/config.json").write_text("{}")
-    with pytest.raises(ConfigError, match="the best agent of this sweep is "):
-        RunFolder(tmp_path).config()
 
 
 def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:

@@ -158,30 +158,6 @@ def test_how_it_was_made_is_on_top(run: Path) -> None:
     assert report_from_run(run).header == {"environment": "drake 1.51.1"}
 
 
-def test_a_sweep_is_a_row_a_member(tmp_path: Path) -> None:
-    """Its metrics.jsonl holds rows of all members: no curve of one agent."""
-    members = [
-        {
-            "member": k,
-            "seed": k,
-            "learning_rate": 1e-3 * k,
-            "solved": k == 1,
-            "diverged": False,
-            "steps": 1000 * (k + 1),
-            "success": 0.5 * (k + 1),
-        }
-        for k in range(2)
-    ]
-    (tmp_path / "sweep.json").write_text(json.dumps({"best": 1, "members": members}))
-    (tmp_path / "metrics.jsonl").write_text("\n".join(map(json.dumps, members)))
-    (page,) = report_from_run(tmp_path).sections
-    (table,) = page.tables
-    assert table.columns[:4] == ("seed", "learning\nrate", "solved", "steps\nM")
-    assert table.rows[1][:5] == ("1", "0.001", "yes", "0.00", "-")
-    assert table.marked == [1]
-    assert page.findings[0].text == "1 of 2 members solved the task; the best is members/1."
-
-
 def test_the_result_is_above_everything(run: Path) -> None:
     """One of two episodes is solved, as `two_episodes` flies them; Wilson's interval of that."""
     assert report_from_run(run).hero == (
