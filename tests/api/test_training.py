@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import rans
-from rans.api.training import config_of, members
+from rans.api.training import config_of
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
@@ -33,14 +33,6 @@ def test_settings_by_keyword(tmp_path: Path) -> None:
     assert agent.task == rans.GoToPose(thrust_weight=0.07)
     config = rans.fast.learn.run_folder.read_config(tmp_path / "mine" / "config.json")
     assert (config.ppo.n_envs, config.ppo.layers) == (4, (8,))
-
-
-def test_seeds_that_are_named_are_those_that_train() -> None:
-    """As an entry like others; with a number of seeds too they would be given twice."""
-    configs = members("go-to-pose", {"seed": [5, 7], "gamma": [0.9]}, 1, device="cpu")
-    assert [(each.seed, each.ppo.gamma) for each in configs] == [(5, 0.9), (7, 0.9)]
-    with pytest.raises(ConfigError, match="would train the same 2 times"):
-        members("go-to-pose", {"seed": [5, 7]}, 2)
 
 
 def test_a_training_of_another_run_is_its_config(tmp_path: Path) -> None:

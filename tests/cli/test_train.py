@@ -209,7 +209,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(
 
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
     monkeypatch.setattr(any_craft._Lessons, "learn", interrupted)
-    command = tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)
+    command: list[str] = [*tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)]
     assert main([*command, "--output", "run"]) == 130
     assert rounds == [1, 1, 1]
     assert not {"checkpoint.safetensors", "agent.safetensors"} & {
@@ -221,7 +221,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(
     assert again == "rans train --resume run"
     for name in ("_ROUNDS", "_OWN_ROUNDS", "_MOST_ROUNDS"):
         monkeypatch.setattr(any_craft, name, 1)
-    assert main(again.split()[1:]) == 0
+    assert main(shlex.split(again)[1:]) == 0
     assert "Stopped" not in capsys.readouterr().out
 
 
