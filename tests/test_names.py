@@ -27,6 +27,7 @@ from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.spacecraft_draft import commented
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
+from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios
 from tests.support.exports import exported, shipped
@@ -93,7 +94,7 @@ def test_toml_has_the_name_as_text(name: str) -> None:
 
 @each("docstring", "backslash", "line", "invisible")
 def test_python_has_the_name_as_text(name: str, tmp_path: Path) -> None:
-    saved = SavedPolicy(shipped("go-to-pose-2d")[0], 0)
+    saved = small()
     codes = []
     for title in ("agent", name):
         write_agent(tmp_path, "numpy", saved, PPOSettings(), title)
@@ -101,6 +102,12 @@ def test_python_has_the_name_as_text(name: str, tmp_path: Path) -> None:
         codes.append(ast.dump(ast.Module(module.body[1:], [])))
     assert codes[0] == codes[1]
     assert exported(tmp_path)["Agent"]
+
+
+def small() -> SavedPolicy:
+    """An agent whose weights are quickly compiled."""
+    given = replace(shipped("go-to-pose-2d")[0].architecture, layers=(4,))
+    return SavedPolicy(Network(given, given.initial(0, 0.5)[0]), 0)
 
 
 def contract_of(name: str) -> str:
@@ -120,7 +127,7 @@ def contract_of(name: str) -> str:
 @each("comment", "assembly", "backslash", "trigraph", "line", "invisible")
 def test_c_has_the_name_as_text(name: str, tmp_path: Path) -> None:
     """As the title, and as names of columns and commands."""
-    saved = SavedPolicy(shipped("go-to-pose-2d")[0], 0)
+    saved = small()
     write_agent(tmp_path, "c", saved, PPOSettings(), name, contract_of(name))
     assert strangers_code(tmp_path / "agent.c") == []
 
@@ -130,7 +137,7 @@ def test_c_has_the_name_as_text(name: str, tmp_path: Path) -> None:
 def test_an_fmu_has_the_name_as_text(name: str, tmp_path: Path) -> None:
     """XML has no form for control characters, which the door refuses."""
     fmpy = pytest.importorskip("fmpy")
-    saved = SavedPolicy(shipped("go-to-pose-2d")[0], 0)
+    saved = small()
     write_agent(tmp_path, "fmu", saved, PPOSettings(), name, contract_of(name))
     about = fmpy.read_model_description(str(tmp_path / "agent.fmu"))
     assert (about.modelName, about.description) == (name, name)

@@ -7,7 +7,6 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from rans.errors import ConfigError
@@ -15,42 +14,11 @@ from rans.model.dynamics import wrench
 from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft, to_toml
+from rans.pretrained import pretrained_folder
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 DIAGONAL = 0.7071067811865476
 """Component of a unit vector at 45 degrees."""
-ARM = 0.2192031021678297
-"""Coordinate of an anchor, m: 0.31 m times that."""
-
-PLANAR_TABLE = [  # F_x, F_y in units of 0.7071 N, tau_z in N m; thrusters 0 to 7, by hand
-    (1, -1, -0.31),
-    (-1, 1, 0.31),
-    (1, 1, -0.31),
-    (-1, -1, 0.31),
-    (-1, 1, -0.31),
-    (1, -1, 0.31),
-    (-1, -1, -0.31),
-    (1, 1, 0.31),
-]
-
-SPATIAL_TABLE = [  # F_x, F_y in units of 0.7071 N, F_z; tau_x, tau_y in units of 0.2192 N m, tau_z
-    (1, -1, 0, 0, 0, -0.31),
-    (-1, 1, 0, 0, 0, 0.31),
-    (0, 0, 1, 1, -1, 0),
-    (0, 0, -1, -1, 1, 0),
-    (1, 1, 0, 0, 0, -0.31),
-    (-1, -1, 0, 0, 0, 0.31),
-    (0, 0, 1, 1, 1, 0),
-    (0, 0, -1, -1, -1, 0),
-    (-1, 1, 0, 0, 0, -0.31),
-    (1, -1, 0, 0, 0, 0.31),
-    (0, 0, 1, -1, 1, 0),
-    (0, 0, -1, 1, -1, 0),
-    (-1, -1, 0, 0, 0, -0.31),
-    (1, 1, 0, 0, 0, 0.31),
-    (0, 0, 1, -1, -1, 0),
-    (0, 0, -1, 1, 1, 0),
-]
 
 
 @pytest.mark.parametrize(
@@ -65,17 +33,14 @@ def test_the_papers_platforms(name: str, mass: float, inertia: float) -> None:
     assert (craft.name, craft.dimension, craft.mass, craft.radius) == (name, 2, mass, 0.31)
     assert craft.inertia[2][2] == pytest.approx(inertia, abs=5e-5)  # the table's digits
     assert craft.thrust_sharing == "none"
-    expected = [(DIAGONAL * x, DIAGONAL * y, torque) for x, y, torque in PLANAR_TABLE]
-    np.testing.assert_allclose(craft.wrench_map, expected, rtol=0, atol=1e-15)
+    assert craft.thrusters == load_spacecraft("floating-platform").thrusters
 
 
-def test_the_papers_free_flyer() -> None:
-    craft = load_spacecraft("free-flyer")
-    assert (craft.dimension, craft.mass, len(craft.thrusters)) == (3, 5.32, 16)
-    units = np.array([DIAGONAL, DIAGONAL, 1.0, ARM, ARM, 1.0])
-    np.testing.assert_allclose(
-        craft.wrench_map, np.array(SPATIAL_TABLE) * units, rtol=0, atol=1e-15
-    )
+@pytest.mark.parametrize("agent", ["go-to-pose-2d", "go-to-pose-3d-faults"])
+def test_craft_of_agents_are_those_that_are_shipped(agent: str) -> None:
+    """Recorded commands of the agents say that thrusters push and turn as they did (`tests.test_recorded`)."""
+    flown = load_spacecraft(str(pretrained_folder(agent) / "spacecraft.toml"))
+    assert load_spacecraft(flown.name) == flown
 
 
 def test_the_shared_platform_has_one_thrusters_worth() -> None:

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from rans.episode import Setup, World, step
+from rans.episode import Setup, World
 from rans.model.spacecraft import Spacecraft
 from rans.policy.actuator_response import Response
 from rans.policy.filter_bank import Filters
 from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.scenario import draws, scenarios
 from rans.tasks import TASKS
 from rans.tasks.derived import layout
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body
+from tests.support.filter_flights import COUNT, TIMING, commands, followed
 
 LATE = 0.05
 SLOW = 1.25
@@ -75,19 +74,11 @@ def test_what_is_not_as_designed_is_found(
 ) -> None:
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task = TASKS["go-to-pose"]()
-    own = draws(SEED, COUNT)
     (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), 25.0, 5.0).each
-    chosen = scenarios(task, craft, SEED, COUNT)
-    body = layout(task, craft.dimension).body
     world = World(Setup(craft, task, TIMING, conditions))
-    now = world.begin(chosen.start, chosen.goal, 0, own)
-    memory = [np.zeros(COUNT)] * found_by.width(body)
-    told = [np.zeros(COUNT)] * 4
-    for command in itertools.islice(commands(craft, 0.02), 50):
-        read = in_body(craft, task, world.observe(now, own))
-        told = found_by.estimate(body, read, memory)[-4:]
-        memory = found_by.next_memory(body, read, memory, command)
-        now = step(world, now, command, own).episode
+    given = itertools.islice(commands(craft, 0.02), 50)
+    *_, (_, read, memory) = followed(world, found_by, given)
+    told = found_by.estimate(layout(task, craft.dimension).body, read, memory)[-4:]
     found = np.median(np.broadcast_to(told, (4, COUNT)), axis=1)
     # A steady acceleration takes some of what thrusters give for its own, and turning costs a little.
     np.testing.assert_allclose(found, (*forces, *torques), rtol=0, atol=0.03)

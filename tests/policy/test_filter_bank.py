@@ -20,7 +20,7 @@ from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW
 from tests.support.crafts import random_states
 from tests.support.engines import FLYER, PLATFORM, both_crafts
-from tests.support.filter_flights import COUNT, SEED, TIMING, commands, in_body, made
+from tests.support.filter_flights import COUNT, SEED, TIMING, commands, followed, in_body, made
 from tests.support.state_filter import corrected, gains
 
 FOLLOWED = [
@@ -53,13 +53,11 @@ def test_what_is_expected_is_what_is_seen_next(
     task = TASKS[name]()
     body = layout(task, craft.dimension).body
     filters = made(craft, task, drift, response)
-    chosen = scenarios(task, craft, SEED, COUNT)
-    world = World(Setup(craft, task, TIMING))
-    now = world.begin(chosen.start, chosen.goal)
-    memory = [np.zeros(COUNT)] * filters.width(body)
+    given = itertools.islice(commands(craft, 0.015), 30)
     fastest = 0.0
-    for k, command in zip(range(30), commands(craft, 0.015), strict=False):
-        read = in_body(craft, task, world.observe(now))
+    for k, (now, read, memory) in enumerate(
+        followed(World(Setup(craft, task, TIMING)), filters, given)
+    ):
         if k:
             expected = np.array(memory[: body.width])
             # Turning is kept to first order within a period: of the 0.06 m/s that a pulse gives, and of 5 m
@@ -67,8 +65,6 @@ def test_what_is_expected_is_what_is_seen_next(
             np.testing.assert_allclose(
                 expected, np.broadcast_to(read, expected.shape), rtol=0, atol=8e-3
             )
-        memory = filters.next_memory(body, read, memory, command)
-        now = step(world, now, command).episode
         fastest = max(fastest, *(np.abs(w).max() for w in now.state.spin()))
     assert 0.9 < fastest < 1.6
 
@@ -77,22 +73,13 @@ def test_what_is_expected_is_what_is_seen_next(
 def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
     """Of up to 0.3 N and 0.1 N m, steady in W and about the centre of mass, after 12 s of exact readings."""
     task = GoToPose()
-    own = draws(SEED, COUNT)
     for name in ("force", "torque"):
         body = layout(task, craft.dimension).body
         filters = made(craft, task, 0.01, 1e-6)  # thrusters as designed
-        chosen = scenarios(task, craft, SEED, COUNT)
         world = World(Setup(craft, task, TIMING, rows()[name]))
-        now = world.begin(chosen.start, chosen.goal, 0, own)
-        memory = [np.zeros(COUNT)] * filters.width(body)
-        before = now
-        told = list[Any]()
-        for command in itertools.islice(commands(craft, 0.0), 60):
-            read = in_body(craft, task, world.observe(now, own))
-            told = filters.estimate(body, read, memory)[body.width : -4]
-            memory = filters.next_memory(body, read, memory, command)
-            before = now
-            now = step(world, now, command, own).episode
+        given = itertools.islice(commands(craft, 0.0), 61)
+        *_, (before, read, memory), (now, *_) = followed(world, filters, given)
+        told = filters.estimate(body, read, memory)[body.width : -4]
         gained = now.state.v - before.state.v  # in a period, in W
         force = in_body(craft, task, observation(task, replace(now.state, v=gained), now.goal))
         axes = craft.dimension

@@ -214,21 +214,20 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
     "forged",
     [
         *(
-            {"frugal": numbers}
-            for numbers in (
-                (0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
-                (1.0, -1.0, 0.0, 1.0, 1.0, 1.0),
-                (1.0, 0.0, 4.0, 1.0, 1.0, 1.0),
-                (1.0, 0.0, 0.0, 0.0, 1.0, 1.0),
-                (1.0, 0.0, 0.0, 1.0, 0.0, 1.0),
-                (1.0, 0.0, 0.0, 1.0, 1.0, 0.0),
-                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 0.0),
-                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0),
-                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 0.5, 0.0),
-                (1.0, 0.0, 0.0, 1.0, 1.0, 1.0, 1.0, 1.0, -0.1),
-                (1.0, 0.0, 0.0),
+            {"frugal": tuple(AS_TRAINED._replace(**{name: wrong}))}
+            for name, wrong in (
+                ("shortened", 0.0),
+                ("farthest", -1.0),
+                ("largest_angle", 4.0),
+                ("price", 0.0),
+                ("acceleration", 0.0),
+                ("coast", 0.0),
+                ("away", 0.0),
+                ("hold", 0.5),
+                ("growth", -0.1),
             )
         ),
+        *({"frugal": AS_TRAINED[:count]} for count in (3, 8)),
         *(
             {"reach": numbers}
             for numbers in ((0.4,) * 7, (0.4,) * 7 + (0.0,), (0.4,) * 7 + (math.inf,))

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from rans.episode import Episode, World, step
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.filter_bank import Filters
 from rans.policy.kalman_filter import Filter
+from rans.scenario import draws, scenarios
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
 
@@ -29,6 +31,23 @@ def commands(craft: Spacecraft, often: float, seed: int = 1) -> Any:
 def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.ndarray]:
     seen = layout(task, craft.dimension).in_body(columns)
     return [np.broadcast_to(np.asarray(x, float), COUNT) for x in seen]
+
+
+def followed(
+    world: World, filters: Filter, given: Any
+) -> Iterator[tuple[Episode, list[np.ndarray], list[Any]]]:
+    """Of every step of a flight the episode, what is read of it and what the filter remembered before."""
+    craft, task = world.craft, world.task
+    body = layout(task, craft.dimension).body
+    own = draws(SEED, COUNT)
+    chosen = scenarios(task, craft, SEED, COUNT)
+    now = world.begin(chosen.start, chosen.goal, 0, own)
+    memory: list[Any] = [np.zeros(COUNT)] * filters.width(body)
+    for command in given:
+        read = in_body(craft, task, world.observe(now, own))
+        yield now, read, memory
+        memory = filters.next_memory(body, read, memory, command)
+        now = step(world, now, command, own).episode
 
 
 def made(craft: Spacecraft, task: Task, drift: float, response: float = 0.0) -> Filter:

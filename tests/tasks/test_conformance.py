@@ -81,23 +81,6 @@ def test_flags_tell_tasks_apart() -> None:
     assert len(set(flags)) == len(flags)
 
 
-def test_shapes_and_finite(task: Any, states: Any, goals: Any, commands: Any) -> None:
-    for name, x in everything(task, states, goals, *commands).items():
-        assert x.shape == (COUNT,), name
-        assert np.isfinite(x).all(), name
-        assert x.dtype == (np.bool_ if name in ("failed", "reached") else np.float64), name
-
-
-def test_batch_is_a_loop(task: Any, states: Any, goals: Any, commands: Any) -> None:
-    batch = everything(task, states, goals, *commands)
-    for index in range(0, COUNT, 7):
-        both = [tuple(float(c[index]) for c in command) for command in commands]
-        alone = everything(task, at(index, states), at(index, goals), *both)
-        for name, x in alone.items():
-            # sine, cosine and exp may round differently in a vector register
-            np.testing.assert_allclose(batch[name][index], x, rtol=1e-13, atol=1e-14, err_msg=name)
-
-
 def in_torch(task: Any, states: Any, goals: Any, commands: Any, kind: type) -> dict[str, Any]:
     """Every field, of tensors of a NumPy type."""
     torch = pytest.importorskip("torch")
@@ -109,25 +92,36 @@ def in_torch(task: Any, states: Any, goals: Any, commands: Any, kind: type) -> d
     return everything(task, map_leaves(lift, states), map_leaves(lift, goals), *both)
 
 
-def test_torch_is_numpy(task: Any, states: Any, goals: Any, commands: Any) -> None:
-    numpy_values = everything(task, states, goals, *commands)
-    torch_values = in_torch(task, states, goals, commands, np.float64)
-    assert numpy_values.keys() == torch_values.keys()
-    for name, x in torch_values.items():
-        # last digits of two implementations of sine, cosine, exp and atan2
-        np.testing.assert_allclose(
-            x.numpy(), numpy_values[name], rtol=1e-12, atol=1e-12, err_msg=name
-        )
-
-
-def test_single_precision_stays_single(task: Any, states: Any, goals: Any, commands: Any) -> None:
+def test_one_by_one_in_batches_and_in_torch(
+    task: Any, states: Any, goals: Any, commands: Any
+) -> None:
+    """Numbers are the same but for rounding; single precision stays single."""
     torch = pytest.importorskip("torch")
-    for name, x in in_torch(task, states, goals, commands, np.float32).items():
-        assert x.dtype in (torch.float32, torch.bool), name
+    batch = everything(task, states, goals, *commands)
+    double, single = (
+        in_torch(task, states, goals, commands, kind) for kind in (np.float64, np.float32)
+    )
+    assert batch.keys() == double.keys() == single.keys()
+    for name, x in batch.items():
+        assert x.shape == (COUNT,), name
+        assert np.isfinite(x).all(), name
+        assert x.dtype == (np.bool_ if name in ("failed", "reached") else np.float64), name
+        assert single[name].dtype in (torch.float32, torch.bool), name
+        # last digits of two implementations of sine, cosine, exp and atan2
+        np.testing.assert_allclose(double[name].numpy(), x, rtol=1e-12, atol=1e-12, err_msg=name)
+    for index in range(0, COUNT, 7):
+        both = [tuple(float(c[index]) for c in command) for command in commands]
+        alone = everything(task, at(index, states), at(index, goals), *both)
+        for name, x in alone.items():
+            # sine, cosine and exp may round differently in a vector register
+            np.testing.assert_allclose(batch[name][index], x, rtol=1e-13, atol=1e-14, err_msg=name)
 
 
 def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
-    """Value equal to NumPy's, Jacobian finite and equal to central differences."""
+    """Value equal to NumPy's, Jacobian equal to central differences, and finite at the goal.
+
+    There a norm or an angle would give NaN, and there the optimal controller ends.
+    """
     casadi = pytest.importorskip("casadi")
     state = at(5, states)
     goal = at(5, goals)
@@ -139,6 +133,8 @@ def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
     # last digits of sine and cosine
     np.testing.assert_allclose(value[:, 0], data(task, state, goal), rtol=1e-13, atol=1e-14)
     assert np.isfinite(jacobian).all()
+    # of the goal itself: notes that it has beside its state are no variables
+    assert np.isfinite(traced(np.array(leaves(replace(goal, notes=state.notes))))[1].full()).all()
     step = 1e-6  # truncation step^2 and rounding eps / step: both 1e-10 at most, for values to 10
     for column, nudge in zip(jacobian.T, step * np.eye(len(here)), strict=True):
         ahead, behind = (data(task, unflatten(state, here + s * nudge), goal) for s in (1, -1))
@@ -162,16 +158,6 @@ def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: 
     np.testing.assert_allclose(
         traced(here, *numbers).full()[:, 0], list(expected.values()), rtol=1e-13, atol=1e-14
     )
-
-
-def test_residual_is_differentiable_at_the_goal(task: Any, goals: Any) -> None:
-    """Where a norm or an angle would give NaN, and where the optimal controller ends."""
-    casadi = pytest.importorskip("casadi")
-    goal = at(3, goals)
-    x = casadi.SX.sym("x", len(leaves(goal)))
-    residual = casadi.vertcat(*data(task, unflatten(goal, casadi.vertsplit(x)), goal))
-    jacobian = casadi.Function("j", [x], [casadi.jacobian(residual, x)])(np.array(leaves(goal)))
-    assert np.isfinite(jacobian.full()).all()
 
 
 def test_observation_table_names_every_column(

@@ -67,6 +67,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             action, which copies the state once more per step.
         max_episode_steps: control periods after which an episode is truncated, where the timing's are more, as
             ``gymnasium.make_vec(max_episode_steps=)`` has it of other environments; None: those of the timing.
+        render_mode: None, as a batch has no picture; ``gymnasium.make`` gives environments that have one.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -94,8 +95,14 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         plain: bool = False,
         max_episode_steps: int | None = None,
+        render_mode: str | None = None,
     ) -> None:
         """Make the environments: arguments are those of the class."""
+        if render_mode is not None:
+            raise ConfigError(
+                f"a batch has no picture: render_mode must be None, got {brief(render_mode)}; "
+                "gymnasium.make gives environments that have one."
+            )
         self.autoreset_mode = _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
         if max_episode_steps is not None:

@@ -36,7 +36,7 @@ def commands(env: SpacecraftVectorEnv, steps: int) -> Tensor:
 
 @BOTH_IDS
 def test_what_gymnasium_asks_of_it(name: str) -> None:
-    env = make(name)
+    env = make(name, render_mode=None)  # as trainers of others write it
     single = gymnasium.make(name)
     assert env.num_envs == 6
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP

@@ -291,17 +291,11 @@ def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("damaged", [b"half", b"other"])
-def test_a_damaged_checkpoint(tmp_path: Path, damaged: bytes) -> None:
+def test_a_checkpoint_of_something_else(tmp_path: Path) -> None:
+    """What is damaged has a test of its own (`tests.test_damaged_files`)."""
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(1))
-    file = trainer.run.checkpoint_file
-    content = file.read_bytes()
-    file.write_bytes({b"half": content[: len(content) // 2]}.get(damaged, damaged))
-    if damaged == b"other":
-        file.write_bytes(pack_tensors([1, 2, 3]))
-    with pytest.raises(
-        ConfigError, match=r"checkpoint\.safetensors (is damaged|does not fit)"
-    ) as caught:
+    trainer.run.checkpoint_file.write_bytes(pack_tensors([1, 2, 3]))
+    with pytest.raises(ConfigError, match=r"checkpoint\.safetensors does not fit") as caught:
         resumed(tmp_path / "run")
     assert "\n" not in str(caught.value)
