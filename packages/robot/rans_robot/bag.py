@@ -39,23 +39,30 @@ class BagMessage(NamedTuple):
 
 
 class BagWriter:
-    """Writes messages as they come, without chunks, so that a bag ends where its process ended.
+    """Writes messages as they come.
+
+    Args:
+        file: new file.
+        has_index: whether messages wait for a chunk of an index; otherwise a bag ends where its process ended.
 
     Raises:
         MissingPackage: the package mcap is not installed.
         ConfigError: the file exists already, or the disk refuses.
     """
 
-    def __init__(self, file: Path) -> None:
+    def __init__(self, file: Path, has_index: bool = False) -> None:
         require("mcap")
-        from mcap.writer import Writer
+        from mcap.writer import CompressionType, Writer
 
         if file.exists():
             raise ConfigError(f"{file} exists already: a bag is never written over.")
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             self._stream = file.open("xb")
-            self._writer = Writer(self._stream, use_chunking=False)
+            # Every reader can read what is not compressed.
+            self._writer = Writer(
+                self._stream, use_chunking=has_index, compression=CompressionType.NONE
+            )
             self._writer.start(profile="ros2", library="rans")
         except OSError as error:
             raise ConfigError(f"cannot write {file}: {why_unwritten(error)}.") from error
@@ -181,47 +188,16 @@ def index_bag(file: Path) -> None:
     whole: where that fails it stays as it was.
 
     Raises:
-        ConfigError: the file is no finished bag, or the disk refuses.
+        ConfigError: the file is no bag, or the disk refuses.
     """
-    from mcap.exceptions import McapError
-    from mcap.records import Channel, DataEnd, Message, Schema
-    from mcap.stream_reader import StreamReader
-    from mcap.writer import CompressionType, Writer
 
     def indexed(draft: Path) -> None:
-        """Copy the bag into a draft in chunks with an index, message by message.
+        draft.unlink()
+        with contextlib.closing(BagWriter(draft, has_index=True)) as bag:
+            for entry in bag_entries(file):
+                bag.write(entry)
 
-        Nothing is decoded. Times, numbers and bytes stay as they were, since `rans replay` compares them.
-        """
-        with open_regular(file) as recorded, draft.open("wb") as stream:
-            writer = Writer(stream, compression=CompressionType.NONE)  # every reader can read it
-            writer.start(profile="ros2", library="rans")
-            for record in StreamReader(recorded).records:
-                match record:
-                    case Schema():
-                        writer.register_schema(record.name, record.encoding, record.data)
-                    case Channel():
-                        writer.register_channel(
-                            record.topic, record.message_encoding, record.schema_id
-                        )
-                    case Message():
-                        writer.add_message(
-                            record.channel_id,
-                            record.log_time,
-                            record.data,
-                            record.publish_time,
-                            record.sequence,
-                        )
-                    case DataEnd():  # the summary follows, which is written anew
-                        break
-                    case _:
-                        pass
-            writer.finish()
-
-    try:
-        replace_file(file, indexed)
-    except (McapError, struct.error) as error:
-        raise ConfigError(f"{file} is no finished MCAP bag: {error}.") from error
+    replace_file(file, indexed)
 
 
 _LARGEST_RECORD = 2**27

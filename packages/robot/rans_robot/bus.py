@@ -40,31 +40,6 @@ class Bus(Protocol):
         ...
 
 
-def open_bus(name: BusName, domain: int = 0, address: str = "", ros: Distribution = "jazzy") -> Bus:
-    """A bus by its name.
-
-    Args:
-        name: "dds" is ROS 2's and PX4's agent's, "zenoh" that of rmw_zenoh, "udp" is for processes of this
-            machine and for tests.
-        domain: ROS_DOMAIN_ID; of "udp" it chooses the ports.
-        address: of "zenoh" a locator to connect to, such as "tcp/127.0.0.1:7447"; "listen/LOCATOR" listens
-            there. Empty: the router of ROS 2 on this machine, `ROUTER`.
-        ros: of "zenoh" the distribution that the robot runs.
-
-    Raises:
-        ConfigError: the package of the transport is missing, or it cannot be opened.
-    """
-    if not 0 <= domain <= 232:
-        raise ConfigError(f"the domain must be a whole number from 0 to 232, got {domain}.")
-    types()
-    makers: dict[BusName, Callable[[], Bus]] = {
-        "dds": lambda: DDSBus(domain),
-        "zenoh": lambda: ZenohBus(domain, address, ros),
-        "udp": lambda: UDPBus(domain),
-    }
-    return makers[name]()
-
-
 def dds_type(kind: str) -> str:
     """What DDS calls a ROS 2 type: "std_msgs::msg::dds_::String_" for "std_msgs/msg/String"."""
     package, _, name = kind.split("/")
@@ -72,7 +47,7 @@ def dds_type(kind: str) -> str:
 
 
 class UDPBus:
-    """Datagrams between processes of this machine; every one reaches all of them."""
+    """Datagrams between processes of this machine; every one reaches all of them. The domain chooses the ports."""
 
     _FIRST_PORT = 17400
     _MEMBERS = 6
@@ -249,40 +224,46 @@ def _attachment(number: int, now: int, sender: bytes, ros: Distribution) -> byte
     return struct.pack("<qq", number, now) + length + sender
 
 
-def opened_bus(text: str) -> Bus:
+def open_bus(text: str) -> Bus:
     """A bus by the text of --bus, in the domain and for the distribution that ROS's environment names.
 
     Args:
         text: "dds", "zenoh", "udp", or "zenoh:LOCATOR".
 
     Raises:
-        ConfigError: there is no such bus, or the environment has a wrong value.
+        ConfigError: there is no such bus, the environment has a wrong value, the package of the transport is
+            missing, or it cannot be opened.
     """
     kind, _, locator = text.partition(":")
     if kind not in get_args(BusName) or (locator and kind != "zenoh"):
         raise ConfigError(
             f"--bus takes dds, zenoh, udp or zenoh:LOCATOR, such as zenoh:tcp/192.168.0.2:7447, got {brief(text)}."
         )
+    types()
+    domain = ros_domain()
+    if kind == "udp":
+        return UDPBus(domain)
+    if kind == "dds":
+        return DDSBus(domain)
     name = os.environ.get("ROS_DISTRO") or "jazzy"
-    if kind == "zenoh" and name not in get_args(Distribution):
+    if name not in get_args(Distribution):
         raise ConfigError(
             f"ROS_DISTRO must be one of {', '.join(get_args(Distribution))} for zenoh, got {brief(name)}."
         )
-    distribution = name if name in get_args(Distribution) else "jazzy"  # which only zenoh reads
-    return open_bus(
-        cast("BusName", kind), ros_domain(), locator, cast("Distribution", distribution)
-    )
+    return ZenohBus(domain, locator, cast("Distribution", name))
 
 
 def ros_domain() -> int:
     """The domain of ROS's environment, or 0.
 
     Raises:
-        ConfigError: ROS_DOMAIN_ID is no whole number.
+        ConfigError: ROS_DOMAIN_ID is no whole number from 0 to 232.
     """
     number = os.environ.get("ROS_DOMAIN_ID") or "0"
-    if not number.isdecimal():
-        raise ConfigError(f"ROS_DOMAIN_ID must be a whole number, got {brief(number)}.")
+    if not number.isdecimal() or len(number) > 9 or int(number) > 232:
+        raise ConfigError(
+            f"ROS_DOMAIN_ID must be a whole number from 0 to 232, got {brief(number)}."
+        )
     return int(number)
 
 

@@ -167,7 +167,7 @@ def fly_on_robot(
     from rans.extend import ContestantName, RunFolder, contestant, doing
     from rans.fast.learn.config import to_table
     from rans_robot.bag import index_bag
-    from rans_robot.bus import opened_bus, ros_domain
+    from rans_robot.bus import open_bus, ros_domain
     from rans_robot.foreign import export_foreign_for_flight, task_name
     from rans_robot.node import fly_over, planned_task
     from rans_robot.pilot import Plan, check_plan, export_for_flight, runs_code
@@ -241,7 +241,7 @@ def fly_on_robot(
     if run is not None or is_foreign:
         # Nothing is written for a flight that cannot begin.
         check_plan(plan, craft, planned_task(plan), period)
-        opened_bus(bus).close()
+        open_bus(bus).close()
         _say(f"Writing the agent of this flight into {folder}.")
         with doing("flying it for the range of its observations"):
             if run is None:
@@ -250,7 +250,7 @@ def fly_on_robot(
                 export_for_flight(run.path, folder)
     # From here on a signal ends the flight with shut valves.
     stop = stop_on_signals()
-    link = opened_bus(bus)
+    link = open_bus(bus)
     try:
         how = f"{bus} (ROS_DOMAIN_ID {ros_domain()})"
         _say(f"Flying {name} over {how}; Ctrl-C shuts the valves and ends the flight.")
@@ -300,7 +300,7 @@ def twin(
         ConfigError: one of these does not exist, or a number is out of its range.
     """
     from rans.extend import RunFolder, load_conditions
-    from rans_robot.bus import opened_bus, ros_domain
+    from rans_robot.bus import open_bus, ros_domain
     from rans_robot.signals import stop_on_signals
     from rans_robot.twin import TwinPlan, run_twin
 
@@ -325,7 +325,7 @@ def twin(
     )
     # Simulate until the time is up or a signal comes; the bus is closed in any event.
     stop = stop_on_signals()
-    link = opened_bus(bus)
+    link = open_bus(bus)
     try:
         _say(
             f"{craft.name} is on {bus} (ROS_DOMAIN_ID {ros_domain()}), at {rate:g} states a second. Fly it from "

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_robot.bus import open_bus, opened_bus
+from rans_robot.bus import DDSBus, UDPBus, ZenohBus, open_bus
 from rans_robot.interfaces import Interface
 
 from rans.errors import ConfigError
@@ -21,28 +21,30 @@ pytest.importorskip("mcap")
 
 def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[tuple[Any, ...]] = []
-    monkeypatch.setattr("rans_robot.bus.open_bus", lambda *given: opened.append(given))
+    for name in ("DDSBus", "UDPBus", "ZenohBus"):
+        monkeypatch.setattr(f"rans_robot.bus.{name}", lambda *given: opened.append(given))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
     monkeypatch.setenv("ROS_DISTRO", "humble")
-    opened_bus("zenoh:listen/tcp/0.0.0.0:7447")
-    opened_bus("dds")
-    assert opened == [("zenoh", 7, "listen/tcp/0.0.0.0:7447", "humble"), ("dds", 7, "", "humble")]
+    open_bus("zenoh:listen/tcp/0.0.0.0:7447")
+    open_bus("dds")
+    assert opened == [(7, "listen/tcp/0.0.0.0:7447", "humble"), (7,)]
     monkeypatch.setenv("ROS_DISTRO", "noetic")
-    opened_bus("udp")  # no distribution matters here
+    open_bus("udp")  # no distribution matters here
     with pytest.raises(ConfigError, match="ROS_DISTRO must be one of humble"):
-        opened_bus("zenoh")
-    monkeypatch.setenv("ROS_DOMAIN_ID", "seven")
-    with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be a whole number, got 'seven'"):
-        opened_bus("dds")
+        open_bus("zenoh")
+    for number in ("seven", "500"):
+        monkeypatch.setenv("ROS_DOMAIN_ID", number)
+        with pytest.raises(ConfigError, match="ROS_DOMAIN_ID must be a whole number from 0 to"):
+            open_bus("dds")
 
 
 def _buses(name: str) -> tuple[Any, Any]:
     if name == "udp":
-        return open_bus("udp", 37), open_bus("udp", 37)
+        return UDPBus(37), UDPBus(37)
     if name == "zenoh":
         pytest.importorskip("zenoh")
         locator = f"tcp/127.0.0.1:{free_port()}"
-        return open_bus("zenoh", 0, f"listen/{locator}"), open_bus("zenoh", 0, locator)
+        return ZenohBus(0, f"listen/{locator}"), ZenohBus(0, locator)
     pytest.importorskip("cyclonedds")
     os.environ.setdefault(
         "CYCLONEDDS_URI",
@@ -50,7 +52,7 @@ def _buses(name: str) -> tuple[Any, Any]:
         "</Interfaces><AllowMulticast>false</AllowMulticast></General><Discovery><ParticipantIndex>auto"
         "</ParticipantIndex><Peers><Peer address='127.0.0.1'/></Peers></Discovery></Domain></CycloneDDS>",
     )
-    return open_bus("dds", 77), open_bus("dds", 77)
+    return DDSBus(77), DDSBus(77)
 
 
 @pytest.mark.parametrize("name", ["udp", "zenoh", "dds"])
@@ -92,4 +94,4 @@ def test_every_type_crosses_every_bus(name: str) -> None:
 def test_what_is_no_locator_is_refused(locator: str) -> None:
     pytest.importorskip("zenoh")
     with pytest.raises(ConfigError, match=re.escape(locator.removeprefix("listen/"))):
-        open_bus("zenoh", 0, locator)
+        ZenohBus(0, locator)
