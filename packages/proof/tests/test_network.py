@@ -5,7 +5,6 @@ Each has two lines of defence, its reader and a comparison, and each line is tes
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,8 +22,9 @@ pytest.importorskip("onnx")
 pytest.importorskip("flint")
 runtime = pytest.importorskip("onnxruntime")
 
+from flint import arb_mat  # noqa: E402
 from rans_proof import network_reader as checker  # noqa: E402
-from rans_proof.balls import Refused  # noqa: E402
+from rans_proof.balls import Refused, matrix, network_enclosure  # noqa: E402
 
 STATES = 3.0 * np.random.default_rng(3).normal(size=(40, 2)).astype(np.float32)
 READERS: dict[str, tuple[Any, Callable[[Any, bytes], np.ndarray], type[Exception]]] = {}
@@ -93,6 +93,21 @@ def test_forged_graphs_are_refused_by_the_reader_alone(
     assert "\n" not in str(caught.value)
 
 
+def cancelling(kind: str) -> bytes:
+    """A network of sums whose terms are 2,000 times as large as they are, and err by some 1e-4."""
+    random = np.random.default_rng(4)
+    return graph(
+        f"m = Gemm(x, c, d); n = Sub(m, e); t = {kind}(n); y = Gemm(t, f, g)"
+        if kind
+        else "m = Gemm(x, c, d); y = Sub(m, e)",
+        c=np.round(1000.0 * random.normal(size=(2, 30))),
+        d=1000.0 + random.normal(size=30),
+        e=np.full(30, 1000.0),
+        f=random.normal(size=(30, 2)),
+        g=np.zeros(2),
+    )
+
+
 @pytest.mark.parametrize(
     ("reader", "form", "old", "new"),
     [(reader, *error) for reader in READERS for error in ERRORS[f"misread_by_{reader}"]],
@@ -102,8 +117,9 @@ def test_what_is_misread_is_refused_by_the_comparison(
 ) -> None:
     module, answers, refusal = READERS[reader]
     wrong = planted([module.__name__], (module.__name__, old, new))[module.__name__]
+    graphs = ordinary() | {"sums that cancel": cancelling("Tanh")}
     with pytest.raises(refusal, match=r"ONNX Runtime computes|onnx\.reference than"):
-        answers(wrong, ordinary()[form])
+        answers(wrong, graphs[form])
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -119,94 +135,23 @@ def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None
         answers(module, content)
 
 
-Planes = Callable[[np.ndarray], tuple[np.ndarray, ...]]
-"""Gain, offset and error at a state."""
-
-
-def planes_of_prover(module: Any, content: bytes) -> Planes:
-    import torch
-    from rans_proof.problem import problem_of
-    from rans_proof.prove import ClosedLoop
-    from rans_proof.relaxation import Zonotope, enclose
-
-    layers = module.network_of(content, "net.onnx")
-    loop = ClosedLoop(problem_of(_ANY), layers, torch.device("cpu"))
-
-    def planes(state: np.ndarray) -> tuple[np.ndarray, ...]:
-        centre = torch.tensor(state, dtype=torch.float64)[None]
-        radius = torch.zeros((1, 2, 2))
-        return tuple(
-            x[0].numpy()
-            for x in enclose(loop._layers, Zonotope(centre, radius.double(), 0 * centre))
-        )
-
-    return planes
-
-
-def planes_of_checker(module: Any, content: bytes) -> Planes:
-    from flint import arb_mat
-    from rans_proof.balls import matrix, network_enclosure
-
-    layers = module.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
-
-    def planes(state: np.ndarray) -> tuple[np.ndarray, ...]:
-        gain, offset, error = network_enclosure(layers, matrix(state[:, None]), arb_mat(2, 2))
-        gain, offset = (np.array(m.tolist(), dtype=float) for m in (gain, offset))
-        return gain, offset[:, 0], np.array([float(x.upper()) for x in error])
-
-    return planes
-
-
-_ANY = """
-name = "any"
-period = 1.0
-steps = 1
-commands = 2
-derivative = ["u0", "u1"]
-start = {lower = [-1.0, -1.0], upper = [1.0, 1.0]}
-keep.within = {lower = [-9.0, -9.0], upper = [9.0, 9.0]}
-"""
-PLANES = {"prover": planes_of_prover, "checker": planes_of_checker}
-
-
-@pytest.mark.parametrize(
-    ("reader", "kind"),
-    list(itertools.product(("prover", "checker"), ("Tanh", "Sigmoid", "Relu", ""))),
-)
-def test_planes_hold_what_single_precision_answers(reader: str, kind: str) -> None:
-    """Sums whose terms are 2,000 times as large as they are err by some 1e-4."""
-    random = np.random.default_rng(4)
-    big = 1000.0 * random.normal(size=(2, 30))
-    content = graph(
-        f"m = Gemm(x, c, d); n = Sub(m, e); t = {kind}(n); y = Gemm(t, f, g)"
-        if kind
-        else "m = Gemm(x, c, d); y = Sub(m, e)",
-        c=np.round(big),
-        d=1000.0 + random.normal(size=30),
-        e=np.full(30, 1000.0),
-        f=random.normal(size=(30, 2)),
-        g=np.zeros(2),
-    )
-    module = READERS[reader][0]
-    old, new = ERRORS["unrounded"][reader]
-    exact: Any = planted([module.__name__], (module.__name__, old, new))[module.__name__]
-    exact._compare = lambda *_: None  # which would refuse it
+@pytest.mark.parametrize("kind", ["Tanh", "Sigmoid", "Relu", ""])
+def test_planes_hold_what_single_precision_answers(kind: str) -> None:
+    """Those of the checker; the prover compares its own with ONNX Runtime whenever it reads a file."""
+    content = cancelling(kind)
+    network.network_of(content, "net.onnx")
     states = (1e-3 * STATES[:20]).astype(np.float32)
     session = runtime.InferenceSession(content, providers=["CPUExecutionProvider"])
     (answers,) = session.run(None, {"x": states})
-    excess = {}
-    for reading in (module, exact):
-        off = []
-        errors = []
-        planes = PLANES[reader](reading, content)
-        for state, answer in zip(states.astype(float), answers, strict=True):
-            gain, offset, error = planes(state)
-            off.append(np.abs(answer - gain @ state - offset))
-            errors.append(error)
-        excess[reading] = np.array(off) / np.maximum(errors, 1e-300)  # the exact one may have none
-    assert excess[module].max() <= 1.0
-    assert excess[module].max() >= 0.003  # no term errs by its bound, and hundreds are summed
-    assert excess[exact].max() > 1.0
+    layers = checker.layers_of.__wrapped__(content, (-1.0, -1.0), (1.0, 1.0))
+    excess = []
+    for state, answer in zip(states.astype(float), answers, strict=True):
+        planes = network_enclosure(layers, matrix(state[:, None]), arb_mat(2, 0))
+        gain, offset = (np.array(m.tolist(), dtype=float) for m in planes[:2])
+        error = np.array([float(x.upper()) for x in planes[2]])
+        excess.append(np.abs(answer - gain @ state - offset[:, 0]) / error)
+    # No term errs by its bound, and hundreds are summed.
+    assert 0.003 <= np.max(excess) <= 1.0
 
 
 def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
