@@ -25,7 +25,6 @@ from rans.display import default
 from rans.effectors.commands import of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
@@ -78,6 +77,10 @@ class RecordedFlights(NamedTuple):
     goals: Any
     """Goals of the states: `State` of arrays (T, N)."""
 
+    def of(self, which: Any) -> RecordedFlights:
+        """The flights that an index along N names."""
+        return RecordedFlights(*map_leaves(lambda x: x[:, which], tuple(self)))
+
 
 class ActionRecorder:
     """A controller that keeps whatever an agent is given."""
@@ -115,37 +118,21 @@ class ActionRecorder:
 
 
 def flights_of_training(
-    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+    controller: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
 ) -> RecordedFlights:
-    """Flights of a network from the starts of training, under the setup's conditions, without those that failed.
+    """Flights from the starts of training, under the setup's conditions, without those that failed.
 
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
     failed, all of them are returned.
     """
-    return flights_by(Agent(network, "agent", setup.craft), setup, seed, count)
-
-
-def flights_by(
-    controller: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
-) -> RecordedFlights:
-    """Flights of any controller, as `flights_of_training`."""
-    flights, failed = _recorded(controller, setup, seed, count)
-    if failed.all():
-        return flights
-    return RecordedFlights(*map_leaves(lambda x: x[:, ~failed], tuple(flights)))
+    flights, failed = recorded(controller, setup, seed, count)
+    return flights if failed.all() else flights.of(~failed)
 
 
 def recorded(
-    network: Network, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+    controller: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
 ) -> tuple[RecordedFlights, np.ndarray]:
-    """N flights of a network from the starts of training, and whether each failed, (N,)."""
-    return _recorded(Agent(network, "agent", setup.craft), setup, seed, count)
-
-
-def _recorded(
-    controller: Controller, setup: Setup, seed: int, count: int
-) -> tuple[RecordedFlights, np.ndarray]:
-    """Observations and commands (T, N, ...) of the first `STEPS` periods, and (N,) which flights failed.
+    """Flights of the first `STEPS` periods from the starts of training, and whether each failed, (N,).
 
     Valid ranges and golden pairs are of these flights: another seed or count makes other files.
     """
@@ -463,14 +450,14 @@ def golden(
     """Pairs of observations and commands, episode after episode; ``begins`` where the memory is zero.
 
     Of on/off thrusters those flights are taken in which no choice is close, so that rounding turns none. Of flights
-    the states and goals are kept beside the observations that they gave; with a craft and a task also ``wiring``,
-    of states and goals that differ in everything, with the observation of each. Observations are (T, N, width),
-    computed again in float64; commands are as the craft takes them.
+    the first `PAIRED` count, and states and goals are kept beside the observations that they gave; with a craft and
+    a task also ``wiring``, of states and goals that differ in everything, with the observation of each.
+    Observations are (T, N, width), computed again in float64; commands are as the craft takes them.
     """
     flights = None
     if isinstance(seen, RecordedFlights):
-        flights = seen
-        seen = seen.observations
+        flights = seen.of(slice(PAIRED))
+        seen = flights.observations
     # Commands in double precision, and how clear each choice of an on/off thruster was.
     exact = Network(network.architecture, {name: x.double() for name, x in network.tensors.items()})
     memory = exact.initial_state(seen.shape[1])

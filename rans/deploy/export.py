@@ -18,8 +18,6 @@ from rans.deploy.c.compressed import in_steps
 from rans.deploy.c.files import C_FILES, write_c
 from rans.deploy.contract import (
     FLIGHTS,
-    PAIRED,
-    RecordedFlights,
     contract,
     flights_of_training,
     golden,
@@ -50,7 +48,6 @@ from rans.files import (
     write_json,
     write_text,
 )
-from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.policy.architecture import EXTRACTOR
 from rans.policy.network import Network
@@ -145,9 +142,8 @@ def write_export(
     network = saved.network
     text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
-    flights = flights_of_training(network, setup, count=FLIGHTS)
-    paired_flights = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
-    chosen = golden(network, paired_flights, craft, config.settings)
+    flights = flights_of_training(loaded.controller, setup, count=FLIGHTS)
+    chosen = golden(network, flights, craft, config.settings)
     pairs = json.dumps(chosen) + "\n"
     # Its contract, and what the conditions of a flight may be.
     check_alone(folder, form, pairs)

@@ -16,20 +16,17 @@ import pytest
 
 from rans.deploy.contract import (
     FLIGHTS,
-    PAIRED,
-    RecordedFlights,
     contract,
     flights_of_training,
     golden,
     recorded,
 )
 from rans.episode import Setup
-from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
-from rans.model.fields import map_leaves
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions import (
     Conditions,
@@ -54,13 +51,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         network = read_policy(run.agent_file).network
         setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
         count = FLIGHTS if name == "go-to-pose-2d" else 64
-        flights = flights_of_training(network, setup, count=count)
+        flights = flights_of_training(Agent(network, name, craft), setup, count=count)
         memory = network.architecture.memory
         about = contract(name, config, craft, "", memory, flights.observations)
         written(root / name, network, "numpy")
         (root / name / "contract.json").write_text(json.dumps(plain(about)))
-        few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
-        pairs = golden(network, few, craft, config.settings)
+        pairs = golden(network, flights, craft, config.settings)
         (root / name / "golden.json").write_text(json.dumps(pairs))
         return root / name
 
@@ -266,12 +262,11 @@ def test_valid_ranges_leave_out_flights_that_failed() -> None:
     """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
     folder = pretrained_folder("go-to-pose-3d")
     run = load_policy(folder)
-    network = read_policy(folder / "agent.safetensors").network
     setup = Setup(run.craft, GoToPose(fail_spin=2.0), run.timing)
-    every, _ = recorded(network, setup, count=32)
+    every, _ = recorded(run.controller, setup, count=32)
     spin = np.linalg.norm(every.observations[..., 9:12], axis=-1).max(axis=0)
     kept = np.linalg.norm(
-        flights_of_training(network, setup, count=32).observations[..., 9:12], axis=-1
+        flights_of_training(run.controller, setup, count=32).observations[..., 9:12], axis=-1
     )
     assert spin.max() > 2.0
     assert kept.max() <= 2.0

@@ -14,6 +14,7 @@ from torch import Tensor
 from rans.deploy.contract import recorded
 from rans.deploy.export import Form, write_agent
 from rans.episode import Setup
+from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.run_folder import RunFolder
@@ -41,7 +42,7 @@ def shipped(name: str) -> tuple[Network, Setup]:
 def remembering() -> tuple[Network, Setup, np.ndarray]:
     """An agent with a history, averages and symmetries, and what it observes on four flights."""
     network, setup = shipped("go-to-pose-2d-faults")
-    flights, _ = recorded(network, setup, count=4)
+    flights, _ = recorded(Agent(network, "agent", setup.craft), setup, count=4)
     return network, setup, flights.observations
 
 
@@ -83,7 +84,9 @@ def asked(network: Network, setup: Setup, count: int) -> Iterator[np.ndarray]:
     A batch is one step of all episodes, so that memories go on from one to the next.
     """
     steps = min(setup.timing.episode_steps, 125)
-    flights, _ = recorded(network, setup, count=max(1, count // (2 * steps)))
+    flights, _ = recorded(
+        Agent(network, "agent", setup.craft), setup, count=max(1, count // (2 * steps))
+    )
     seen = flights.observations
     yield from seen
     random = np.random.default_rng(_DRAWN_SEED)

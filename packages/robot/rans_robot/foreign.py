@@ -13,7 +13,7 @@ from rans.deploy.contract import (
     PAIRED,
     RecordedFlights,
     contract,
-    flights_by,
+    flights_of_training,
     golden_pairs,
 )
 from rans.deploy.export import check_alone, evaluated
@@ -28,7 +28,6 @@ from rans.extend import (
     TrainConfig,
     brief,
     contestant,
-    map_leaves,
     read_bytes,
     write_json,
     write_text,
@@ -133,9 +132,8 @@ def _exported(spec: str, label: str, count: int) -> _Exported:
         )
     # Flights with everything as designed: nothing is known of a training.
     setup = Setup(run.craft, run.task, run.timing)
-    flights = flights_by(run.controller, setup, count=count)
-    few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
-    pairs = _golden(run, few)
+    flights = flights_of_training(run.controller, setup, count=count)
+    pairs = _golden(run, flights.of(slice(PAIRED)))
     config = TrainConfig(task_name(name, run.task), run.task, run.craft.name, timing=run.timing)
     text = to_toml(run.craft)
     about = contract(label, config, run.craft, text, 0, flights.observations)

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.deploy.contract import PAIRED, RecordedFlights, contract, flights_of_training, golden
+from rans.deploy.contract import contract, flights_of_training, golden
 from rans.deploy.export import write_agent
 from rans.effectors.commands import command_bounds
 from rans.evaluation.fly.agent import load_policy
@@ -43,7 +43,6 @@ from rans.extend import (
     first_line,
     inside,
     is_finite,
-    map_leaves,
     positive,
     read_json,
     read_text,
@@ -110,21 +109,20 @@ def export_for_flight(run: Path, folder: Path) -> None:
     Raises:
         ConfigError: the run holds no agent, or the disk refuses.
     """
-    load_policy(run)
+    loaded = load_policy(run)
     source = RunFolder(run)
     config = source.config()
     craft = source.spacecraft()
     saved = read_policy(source.agent_file)
     text = read_text(source.spacecraft_file, LARGEST_TOML)
     setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
-    flights = flights_of_training(saved.network, setup, count=_RANGE_FLIGHTS)
-    few = RecordedFlights(*map_leaves(lambda x: x[:, :PAIRED], tuple(flights)))
+    flights = flights_of_training(loaded.controller, setup, count=_RANGE_FLIGHTS)
     memory = saved.network.architecture.memory
     about = contract(run.name, config, craft, text, memory, flights.observations)
     title = f"{run.name}: flies {craft.name} by RANS's task {config.task}."
     write_agent(folder, "numpy", saved, config.ppo, title, json.dumps(plain(about)), craft)
     write_text(folder / "spacecraft.toml", text)
-    write_text(folder / "golden.json", json.dumps(golden(saved.network, few, craft)) + "\n")
+    write_text(folder / "golden.json", json.dumps(golden(saved.network, flights, craft)) + "\n")
     write_json(folder / "contract.json", about)
 
 

@@ -176,7 +176,7 @@ def test_its_commands_are_those_of_the_agent(name: str, tmp_path: Path) -> None:
     controller = run.controller
     assert isinstance(controller, Agent)
     setup = Setup(run.craft, run.task, replace(run.timing, episode_steps=50))
-    flights = flights_of_training(controller.network, setup, count=24)
+    flights = flights_of_training(controller, setup, count=24)
     pairs = golden(controller.network, flights, run.craft)
     page = playground(run, SEED)
     states = [flat(state) for state in pairs["state"]]
