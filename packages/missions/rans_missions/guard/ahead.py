@@ -7,8 +7,10 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from rans.effectors.motion import states_at_checks
-from rans.extend import Body, Field, World, at_least, where
+from rans.extend import Body, Field, World
 from rans.randomization.parameters import StepInputs
 from rans.tasks.base import goal_after
 from rans_missions.guard.expected import Reserve
@@ -18,21 +20,12 @@ SLACK = 0.002
 
 
 class PredictedState(NamedTuple):
-    """Predicted state, goal and margins of a control period."""
+    """Predicted state, goal and least margin of a control period."""
 
     state: Any
     goal: Any
-    margins: tuple[dict[str, Field], ...]
-    """Margins at every check of the period, less reserves and what they may fall between the checks."""
-
-    @property
-    def least(self) -> Field:
-        """Least of all margins, (N,)."""
-        result = None
-        for margins in self.margins:
-            for margin in margins.values():
-                result = margin if result is None else where(margin < result, margin, result)
-        return result
+    least: Field
+    """Least margin at all checks of the period, less reserves and what margins may fall between checks, (N,)."""
 
 
 @dataclass(frozen=True)
@@ -103,19 +96,16 @@ class Ahead:
         world = self.world
         task = world.task
         apart = world.timing.control_period / world.timing.checks
-        margins = []
+        least: Any = np.inf
         states = world.move(state, StepInputs(self.body, (command,), drift=task.drift_at(goal)))
         before = self.margins(state, goal)
         for reached in states:
             halfway = self._between(state, reached, goal, apart)
             goal = goal_after(task, goal, reached, apart)
             now = self.margins(reached, goal)
-            margins.append(
-                {
-                    name: margin - 0.5 * at_least(before[name] - 2.0 * halfway[name] + margin, 0.0)
-                    for name, margin in now.items()
-                }
-            )
+            for name, margin in now.items():
+                bend = np.maximum(before[name] - 2.0 * halfway[name] + margin, 0.0)
+                least = np.minimum(least, margin - 0.5 * bend)
             state = reached
             before = now
-        return PredictedState(states[-1], goal, tuple(margins))
+        return PredictedState(states[-1], goal, least)

@@ -6,7 +6,7 @@ Fields (N,): each craft is judged alone; safe means that a manoeuvre from there 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -83,7 +83,7 @@ class FlownBackup:
             state, goal, before = map_leaves(lambda x: np.array([x]), (state, goal, before))
         size = count((state, command)) if given is not None else 1
         command = tuple(np.array(np.broadcast_to(x, size)) for x in command)
-        search = _Search.of(self, world)
+        search = _Search(self, world)
         state, goal = search.ahead.delayed(state, goal, before, self.delay)
         refused = np.flatnonzero(~search.passes(state, goal, command, search.ways))
         changed = np.zeros(size, bool)
@@ -101,244 +101,143 @@ class FlownBackup:
 
     def safe(self, world: World, state: Any, goal: Any) -> Field:
         """Whether states (N,) of arrays are safe: the filter can keep all margins from there, (N,)."""
-        search = _Search.of(self, world)
+        search = _Search(self, world)
         return search.safe(state, goal, search.ways)
 
 
-class _Arrival(NamedTuple):
-    """Predicted result of a control period."""
-
-    state: Any
-    goal: Any
-    kept: Field
-    """Whether every margin is kept at every check."""
-    free: Field
-    """Whether every margin is kept and the craft may coast from there."""
-
-
-@dataclass(frozen=True)
 class _Search:
     """Predictions of a filter in one world."""
 
-    world: World
-    ahead: Ahead
-    coasting: Coasting
-    thrusters: Thrusters
-    ways: tuple[Manoeuvre, ...]
-    periods: int
-    slack: float
-    brakes: bool
-    """Whether thrusters are throttles, whose one manoeuvre is to brake."""
-
-    @classmethod
-    def of(cls, guard: FlownBackup, world: World) -> _Search:
-        """The search of a filter in one world: its manoeuvres, and how far ahead they are flown."""
+    def __init__(self, guard: FlownBackup, world: World) -> None:
         timing = world.timing
         seconds = guard.horizon or timing.control_period * timing.episode_steps
         horizon = periods_of(seconds, timing.control_period)
-        ahead = Ahead(world, guard.reserve)
-        coasting = Coasting(ahead, guard.slack, horizon)
-        library = manoeuvres(world)
-        brakes = world.craft.actuators.kind == "throttle"
-        return cls(
-            world,
-            ahead,
-            coasting,
-            Thrusters.of(world),
-            library[:1] if brakes else library,
-            guard.periods,
-            guard.slack,
-            brakes,
-        )
+        self._world = world
+        self.ahead = Ahead(world, guard.reserve)
+        self._coasting = Coasting(self.ahead, guard.slack, horizon)
+        self._thrusters = Thrusters.of(world)
+        # Throttles have one manoeuvre: to brake.
+        self._brakes = world.craft.actuators.kind == "throttle"
+        self.ways = manoeuvres(world)[: 1 if self._brakes else None]
+        self._periods = guard.periods
+        self._slack = guard.slack
 
     def coasts(self, state: Any, goal: Any) -> Field:
-        """Whether the craft may coast from these states, (N,); one that brakes does not rely on it."""
-        if self.brakes:
-            return np.zeros(count(state), bool)
-        return self.coasting.safe(state, goal)
+        """Least margin of coasting from these states, (N,); a craft that brakes does not rely on it."""
+        if self._brakes:
+            return np.full(count(state), -np.inf)
+        return self._coasting.least(state, goal)
 
     def safe(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
-        """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres."""
-        safe = self.coasts(state, goal)
-        left = np.flatnonzero(~safe)
-        if len(left):
-            safe[left] = self._escapes(taken(state, left), taken(goal, left), library)
-        return safe
-
-    def _escapes(self, state: Any, goal: Any, library: tuple[Manoeuvre, ...]) -> Field:
-        """Whether (N,) one of these manoeuvres leads to a state from which the craft may coast.
-
-        The first is tried alone.
-        """
-        size = count(state)
-        escaped = np.zeros(size, bool)
-        left = np.arange(size)
+        """Whether the craft may coast from these states, or reach such a state by one of these manoeuvres, (N,)."""
+        safe = self.coasts(state, goal) >= self._slack
         # The first manoeuvre succeeds from most states; for the rest all others are predicted at once.
         for some in (library[:1], library[1:]):
+            left = np.flatnonzero(~safe)
             if some and len(left):
-                free = self.leaves_by(some, taken(state, left), taken(goal, left)).any(0)
-                escaped[left[free]] = True
-                left = left[~free]
-        return escaped
+                kept = self.kept(some, *taken((state, goal), left), self._slack)
+                safe[left] = (kept >= self._slack).any(axis=0)
+        return safe
 
-    def leaves_by(self, library: tuple[Manoeuvre, ...], state: Any, goal: Any) -> Any:
-        """Whether each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N).
+    def kept(self, library: tuple[Manoeuvre, ...], state: Any, goal: Any, floor: float) -> Any:
+        """Least margin with which each manoeuvre leads to a state from which the craft may coast, (manoeuvres, N).
 
-        Rows that have left or lost are dropped on the way; the order of manoeuvres is that of the library.
+        It is that of the manoeuvre and the coast after it, at the period where it is largest; a craft that brakes
+        is at rest in place of coasting. A manoeuvre ends once this margin passes, or one on the way is below a
+        floor.
         """
         size = count(state)
-        manoeuvre = repeated(library, size)
         again = np.tile(np.arange(size), len(library))
-        state = taken(state, again)
-        goal = taken(goal, again)
-        escaped = np.zeros(len(again), bool)
+        manoeuvre = repeated(library, size)
+        state, goal = taken((state, goal), again)
+        most = np.full(len(again), -np.inf)
+        least = np.full(len(again), np.inf)
         rows = np.arange(len(again))
-        for _ in range(self.periods):
-            arrival = self._manoeuvred(manoeuvre, state, goal)
-            escaped[rows[arrival.free]] = True
-            going = np.flatnonzero(arrival.kept & ~arrival.free)
+        for _ in range(self._periods):
+            arrival = self.ahead.fly(state, goal, self.command(manoeuvre, state, goal))
+            least = np.minimum(least, arrival.least)
+            if self._brakes:
+                # A craft that is slow at the start of a period stops within it, and then retreats.
+                slow = (state.v - goal.v).norm() < 0.5 * slowest_change(self._world)
+                then = np.where(slow, np.inf, -np.inf)
+            else:
+                then = self._coasting.least(arrival.state, arrival.goal)
+            most[rows] = np.maximum(most[rows], np.minimum(least, then))
+            going = np.flatnonzero((least >= floor) & (most[rows] < self._slack))
             if not len(going):
                 break
-            rows = rows[going]
+            rows, least = rows[going], least[going]
             manoeuvre, state, goal = taken((manoeuvre, arrival.state, arrival.goal), going)
-        return escaped.reshape(len(library), size)
+        return most.reshape(len(library), size)
 
     def command(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> Command:
         """Command of a manoeuvre in these states."""
-        if self.brakes:
-            return braking_command(self.world, state, goal)
-        return self.thrusters.pushing(state, manoeuvre.push(self.world, state, goal))
-
-    def _manoeuvred(self, manoeuvre: Manoeuvre, state: Any, goal: Any) -> _Arrival:
-        """Predicted result of a control period of a manoeuvre."""
-        arrival = self.held(state, goal, self.command(manoeuvre, state, goal))
-        if not self.brakes:
-            return arrival
-        # A craft that is slow at the start of a period stops within it, and then retreats.
-        slow = (state.v - goal.v).norm() < 0.5 * slowest_change(self.world)
-        return arrival._replace(free=arrival.kept & slow)
-
-    def held(self, state: Any, goal: Any, command: Command) -> _Arrival:
-        """Predicted result of holding a command for a control period."""
-        arrival = self.ahead.fly(state, goal, command)
-        holds = arrival.least >= self.slack
-        free = holds & self.coasts(arrival.state, arrival.goal)
-        return _Arrival(arrival.state, arrival.goal, holds, free)
+        if self._brakes:
+            return braking_command(self._world, state, goal)
+        return self._thrusters.pushing(state, manoeuvre.push(self._world, state, goal))
 
     def passes(
         self, state: Any, goal: Any, command: Command, library: tuple[Manoeuvre, ...]
     ) -> Field:
-        """Whether (N,) commands keep every margin for a period, and a manoeuvre is safe after each.
-
-        Coasting is asked first, as it is cheap; only the others fly manoeuvres.
-        """
-        arrival = self.held(state, goal, command)
-        passed = arrival.free
-        left = np.flatnonzero(arrival.kept & ~arrival.free)
+        """Whether (N,) commands keep every margin for a period, and lead to states that are safe (`safe`)."""
+        arrival = self.ahead.fly(state, goal, command)
+        passed = arrival.least >= self._slack
+        left = np.flatnonzero(passed)
         if len(left):
-            passed[left] = self._escapes(
-                taken(arrival.state, left), taken(arrival.goal, left), library
-            )
+            passed[left] = self.safe(*taken((arrival.state, arrival.goal), left), library)
         return passed
 
-    def instead(self, state: Any, goal: Any, command: Command) -> Command:
-        """Replacements (N,) of commands that do not pass: near ones, then a backup's, then whatever keeps most.
+    def instead(self, state: Any, goal: Any, command: Command) -> np.ndarray:
+        """Replacements (commands, N) of commands that do not pass: near ones, then a backup's.
 
         Rows are independent: each gets the first of these that passes.
         """
         size = count(state)
+        # Commands near the desired one, all at once, the nearest first.
         first = self.command(self.ways[0], state, goal)
-        admitted = [np.array(x) for x in first]
-        open_ = np.arange(size)
-
-        # Commands near the desired one, all at once; the first that passes.
-        near = self._near(command, first)
-        if near:
-            again = np.tile(open_, len(near))
-            tried = tuple(map(np.concatenate, zip(*near, strict=True)))
-            good = self.passes(taken(state, again), taken(goal, again), tried, self.ways[:_FEW])
-            good = good.reshape(len(near), size)
-            replaced = np.zeros(size, bool)
-            for neighbour, passed in zip(near, good, strict=True):
-                new = np.flatnonzero(passed & ~replaced)
-                for x, y in zip(admitted, neighbour, strict=True):
-                    x[new] = y[new]
-                replaced = replaced | passed
-            open_ = open_[~replaced]
-
-        # All shut, then manoeuvres.
-        if len(open_):
-            open_ = self.backups(admitted, state, goal, open_)
-        if len(open_):
-            best = self.best(taken(state, open_), taken(goal, open_))
-            for x, y in zip(admitted, best, strict=True):
-                x[open_] = y
-        return tuple(admitted)
-
-    def backups(self, admitted: list[Any], state: Any, goal: Any, open_: Any) -> Any:
-        """Set commands of rows ``open_`` to those of backups that work; the rows without any.
-
-        ``admitted`` is changed in place: columns of commands of all rows.
-        """
-        states, goals = taken(state, open_), taken(goal, open_)
-        coasts = self.coasts(states, goals)
-        for x in admitted:
-            x[open_[coasts]] = 0.0
-        open_ = open_[~coasts]
-        if not len(open_):
-            return open_
-        states, goals = taken(state, open_), taken(goal, open_)
-        works = self.leaves_by(self.ways, states, goals)
-        done = np.zeros(len(open_), bool)
-        for manoeuvre, work in zip(self.ways, works, strict=True):
-            rows = np.flatnonzero(work & ~done)
-            done = done | work
-            if len(rows):
-                tried = self.command(manoeuvre, taken(states, rows), taken(goals, rows))
-                for x, y in zip(admitted, tried, strict=True):
-                    x[open_[rows]] = y
-        return open_[~done]
-
-    def best(self, state: Any, goal: Any) -> Command:
-        """Commands of the backups whose least margin is largest: coasting, or a manoeuvre and then coasting."""
-        if self.brakes:
-            return braking_command(self.world, state, goal)
-        size = count(state)
-        kept = self.coasting.least(state, goal)
-        result = tuple(np.zeros(size) for _ in self.world.craft.commands)
-        again = np.tile(np.arange(size), len(self.ways))
-        manoeuvre = repeated(self.ways, size)
-        state, goal = taken((state, goal), again)
-        first = self.command(manoeuvre, state, goal)
-        command = first
-        least = np.full(len(again), np.inf)
-        most = -least
-        for _ in range(self.periods):
-            arrival = self.ahead.fly(state, goal, command)
-            state, goal = arrival.state, arrival.goal
-            least = np.minimum(least, arrival.least)
-            then = np.minimum(least, self.coasting.least(state, goal))
-            most = np.maximum(then, most)
-            command = self.command(manoeuvre, state, goal)
-        rows = most.reshape(len(self.ways), size)
-        commands = [x.reshape(len(self.ways), size) for x in first]
-        for k in range(len(self.ways)):
-            better = rows[k] > kept
-            kept = np.where(better, rows[k], kept)
-            result = tuple(np.where(better, x[k], y) for x, y in zip(commands, result, strict=True))
+        near = np.array(self._near(command, first))
+        again = np.tile(np.arange(size), len(near))
+        tried = tuple(np.concatenate(near, axis=1))
+        good = self.passes(*taken((state, goal), again), tried, self.ways[:_FEW])
+        good = good.reshape(len(near), size)
+        result = near[good.argmax(axis=0), :, np.arange(size)].T
+        left = np.flatnonzero(~good.any(axis=0))
+        if len(left):
+            result[:, left] = self._backup(*taken((state, goal), left))
         return result
+
+    def _backup(self, state: Any, goal: Any) -> np.ndarray:
+        """Commands (commands, N) of backups: all shut, or the first of the manoeuvres, whichever works first.
+
+        Where none works, it is that whose least margin is largest.
+        """
+        if self._brakes:
+            return np.array(braking_command(self._world, state, goal))
+        size = count(state)
+        coasting = self.coasts(state, goal)[None]
+        kept = np.concatenate([coasting, self.kept(self.ways, state, goal, self._slack)])
+        works = kept >= self._slack
+        lost = np.flatnonzero(~works.any(axis=0))
+        if len(lost):
+            kept[1:, lost] = self.kept(self.ways, *taken((state, goal), lost), -np.inf)
+        chosen = np.where(works.any(axis=0), works.argmax(axis=0), kept.argmax(axis=0))
+        again = np.tile(np.arange(size), len(self.ways))
+        pushes = self.command(repeated(self.ways, size), *taken((state, goal), again))
+        commands = np.reshape(pushes, (-1, len(self.ways), size))
+        commands = np.concatenate([0.0 * commands[:, :1], commands], axis=1)
+        return commands[:, chosen, np.arange(size)]
 
     def _near(self, command: Command, first: Command) -> list[Command]:
         """Commands near the desired ones, the nearest first.
 
         Mixtures with the first manoeuvre, or one valve changed.
         """
-        if self.world.craft.actuators.is_continuous:
+        if self._world.craft.actuators.is_continuous:
             return [
                 tuple(x + (y - x) * blend for x, y in zip(command, first, strict=True))
                 for blend in _BLENDS
             ]
         return [
             tuple(1.0 - x if i == k else x for i, x in enumerate(command))
-            for k in range(self.world.craft.thruster_count)
+            for k in range(self._world.craft.thruster_count)
         ]

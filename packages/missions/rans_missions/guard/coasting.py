@@ -61,11 +61,9 @@ class Coasting:
         """
         task = self.ahead.world.task
         shapes = task.scenery(goal)
-        if self.ahead.world.task.drift != FREE or not all(
-            isinstance(shape, Ball) for shape in shapes
-        ):
+        if task.drift != FREE or not all(isinstance(shape, Ball) for shape in shapes):
             return None
-        if len(shapes) != len(task.constraints(_anywhere(goal), goal)):
+        if len(shapes) != len(task.constraints(goal, goal)):
             return None
         return shapes  # pyrefly: ignore[bad-return]
 
@@ -111,11 +109,6 @@ def _closest(ball: Ball, state: Any) -> Field:
     time = at_least((0.0 - offset.dot(speed)) / square, 0.0)
     nearest = offset + speed.scale(time)
     return nearest.norm() - ball.radius
-
-
-def _anywhere(goal: Any) -> Any:
-    """Any state, to evaluate the names of constraints."""
-    return replace(goal, notes=None)
 
 
 def periods_of(seconds: float, period: float) -> int:

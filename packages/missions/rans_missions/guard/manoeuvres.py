@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -62,16 +62,15 @@ def manoeuvres(world: World) -> tuple[Manoeuvre, ...]:
     return (*laws, *pushes)
 
 
-@dataclass(frozen=True)
-class Thrusters:
-    """Effects of a craft's thrusters in B, as numbers that compilers treat as constants."""
+class Thrusters(NamedTuple):
+    """Effects of M thrusters in B."""
 
-    directions: tuple[tuple[float, ...], ...]
-    """Unit vector of the force of each thruster."""
-    despins: tuple[tuple[float, ...], ...]
-    """Factors of each thruster from an angular velocity, rad/s, to the score for reducing it."""
-    most: tuple[float, ...]
-    """Largest command of each thruster."""
+    directions: np.ndarray
+    """Unit vector of the force of each, (M, d)."""
+    despins: np.ndarray
+    """Factors of each from an angular velocity, rad/s, to the score for reducing it, (M, 1) or (M, 3)."""
+    most: np.ndarray
+    """Largest command of each, (M,)."""
     wheels: int
     """Number of reaction wheels, which have zero commands."""
 
@@ -92,9 +91,9 @@ class Thrusters:
         despins = np.where(squares > 1e-12, -_DESPIN * turns / np.maximum(squares, 1e-12), 0.0)
         lengths = np.maximum(np.linalg.norm(forces, axis=1, keepdims=True), 1e-12)
         return cls(
-            tuple(map(tuple, (forces / lengths).tolist())),
-            tuple(map(tuple, despins.tolist())),
-            tuple(command_range.high for command_range in craft.commands[craft.thruster_commands]),
+            forces / lengths,
+            despins,
+            np.array([allowed.high for allowed in craft.commands[craft.thruster_commands]]),
             craft.wheel_count,
         )
 
@@ -103,16 +102,11 @@ class Thrusters:
 
         It is the largest command for each thruster that opens, and 0 for the others and for wheels. Fields (N,).
         """
-        direction = state.attitude.inverse().rotate(push).columns()
-        spin = state.spin()
-        opened = []
-        for along, despin, strongest in zip(self.directions, self.despins, self.most, strict=True):
-            slower = _dot(spin, despin)
-            slower = where(slower > _MOST_DESPIN, slower * 0.0 + _MOST_DESPIN, slower)
-            score = _dot(direction, along) + at_least(slower, -_MOST_DESPIN)
-            opened.append(where(score > _OPEN, score * 0.0 + strongest, score * 0.0))
-        zero = opened[0] * 0.0
-        return (*opened, *(zero for _ in range(self.wheels)))
+        direction = np.stack(state.attitude.inverse().rotate(push).columns(), axis=-1)
+        slower = np.stack(state.spin(), axis=-1) @ self.despins.T
+        score = direction @ self.directions.T + np.clip(slower, -_MOST_DESPIN, _MOST_DESPIN)
+        opened = np.moveaxis(np.where(score > _OPEN, self.most, 0.0), -1, 0)
+        return (*opened, *(0.0 * opened[0] for _ in range(self.wheels)))
 
 
 def slowest_change(world: World) -> float:
@@ -137,24 +131,15 @@ def braking_command(world: World, state: Any, goal: Any) -> Command:
     retreat = slope.scale(slow / at_least(slope.norm(), 1e-9))
     _, drifted = world.task.drift_at(goal).carry(state.p, state.v, period)
     force = state.attitude.inverse().rotate((goal.v + retreat - drifted).scale(craft.mass / period))
-    spin = state.spin()
     inertia = np.array(craft.inertia) if craft.dimension == 3 else np.array([[craft.inertia[2][2]]])
-    torque = [
-        sum((x * float(-entry / period) for x, entry in zip(spin, row, strict=True)), spin[0] * 0.0)
-        for row in inertia
+    torque = np.stack(state.spin(), axis=-1) @ inertia.T / -period
+    wrench = np.concatenate([np.stack(force.columns(), axis=-1), torque], axis=-1)
+    openings = np.moveaxis(wrench @ shares.T, -1, 0)
+    results = [
+        np.clip(opening, allowed.low, allowed.high)
+        for allowed, opening in zip(craft.commands, openings, strict=False)
     ]
-    wrench = (*force.columns(), *torque)
-    results = []
-    for command_range, row in zip(craft.commands, shares, strict=False):
-        opening = sum(
-            (x * float(entry) for x, entry in zip(wrench, row, strict=True)), spin[0] * 0.0
-        )
-        opening = where(opening < command_range.low, opening * 0.0 + command_range.low, opening)
-        results.append(
-            where(opening > command_range.high, opening * 0.0 + command_range.high, opening)
-        )
-    zero = results[0] * 0.0
-    return (*results, *(zero for _ in craft.wheels))
+    return (*results, *(0.0 * results[0] for _ in craft.wheels))
 
 
 def check_throttles(craft: Spacecraft) -> None:
@@ -196,14 +181,6 @@ def slope_of_least(world: World, state: Any, goal: Any) -> Any:
         back = [x - _STEP if k == axis else x for k, x in enumerate(columns)]
         slopes.append(least(type(state.p)(*shifted)) - least(type(state.p)(*back)))
     return type(state.p)(*slopes)
-
-
-def _dot(fields: Any, numbers: Any) -> Field:
-    total = fields[0] * 0.0
-    for x, number in zip(fields, numbers, strict=True):
-        if number != 0.0:
-            total = total + x * float(number)
-    return total
 
 
 def _unit(v: Any) -> Any:
