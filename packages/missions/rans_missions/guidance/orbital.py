@@ -13,14 +13,30 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from rans.extend import Field, Vec3, absolute, at_least, map_leaves, where
+from rans.extend import (
+    Ball,
+    Drift,
+    Field,
+    Shape,
+    SpeedLimit,
+    Vec3,
+    absolute,
+    at_least,
+    map_leaves,
+    where,
+)
 from rans_missions.guidance.arrival import PLANS, best_arrival, whole_periods
-from rans_missions.guidance.coasts import COAST_POINTS, Coasts
 from rans_missions.guidance.few_burns import ArrivalTolerance, Transfer, cheapest_transfer
 from rans_missions.guidance.impulses import axis_price
-from rans_missions.guidance.limits import Limits
 from rans_missions.orbits.reach import velocity_to_reach
 
+_COAST_POINTS = 7
+"""Number of points of a coast whose distance from keep-out balls is computed: a coast of a third of an orbit turns
+by 15 degrees between them, and a straight line through the nearest one gives the distance between."""
+_LEAST_DISTANCE = 1e-3
+"""Lower bound of a distance from a ball's centre in divisions, m: less than any ball's radius."""
+_LEAST_SPEED = 1e-9
+"""Lower bound of speeds, m/s, and of their squares in divisions."""
 _SLOW_ARRIVAL = 0.9
 """Part of the velocity tolerance below which the arrival must be for a burn across the plane to be postponed, which
 makes it faster."""
@@ -56,7 +72,9 @@ class OrbitalGuidance(ABC):
     States and goals have a position `p` and a velocity `v` in W; times are in seconds.
 
     Args:
-        coasts: coasts in the drift of the orbit, with the reserves of limits.
+        drift: motion of a free point on the orbit.
+        limits: limits of the mission at rest in W: coasts go around balls, velocities are scaled below speed
+            limits, whose margin at rest is the allowed speed, and plans have a price for violating others.
         mean_motion: mean motion n of the orbit, rad/s.
         period: control period, s.
         position_tolerance: distance from the goal that counts as reached, m.
@@ -64,9 +82,15 @@ class OrbitalGuidance(ABC):
         brakes: whether the craft brakes at the arrival.
         braking: acceleration along each axis with which it brakes, m/s^2.
         braking_time: time between the latest planned arrival and the deadline of a craft that brakes, s.
+        speed_reserve: part of a speed limit by which speeds stay below it.
+        keep_out_reserve: distance that coasts keep from balls, m.
+        largest_speed: upper bound of every speed, m/s.
+        shortest: least time of a coast, s.
+        pushes: number of times that a coast is moved out of each ball: moved once, it is nearest elsewhere.
     """
 
-    coasts: Coasts
+    drift: Drift
+    limits: tuple[Shape, ...]
     mean_motion: float
     period: float
     position_tolerance: float
@@ -74,8 +98,13 @@ class OrbitalGuidance(ABC):
     brakes: bool
     braking: float
     braking_time: float
+    speed_reserve: float
+    keep_out_reserve: float
+    largest_speed: float
+    shortest: float
+    pushes: int = 1
 
-    def arrival(self, start: Any, goal: Any, deadline: Field, limits: Limits) -> Field:
+    def arrival(self, start: Any, goal: Any, deadline: Field) -> Field:
         """The time of arrival with the least price among whole control periods up to the deadline, s.
 
         Drawn goals have it in their notes: another price makes other episodes of the same seed.
@@ -84,16 +113,14 @@ class OrbitalGuidance(ABC):
             deadline - self.braking_time if self.brakes else deadline, self.period
         )
         return best_arrival(
-            lambda time: self._planned_price(start, goal, time, latest, deadline, limits),
+            lambda time: self._planned_price(start, goal, time, latest, deadline),
             latest,
             self.period,
             self._plans,
         )
 
     @abstractmethod
-    def velocity(
-        self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
-    ) -> Any:
+    def velocity(self, state: Any, goal: Any, time_left: Field, deadline: Field) -> Any:
         """Velocity in W, m/s, with which to go to the goal within the limits.
 
         Args:
@@ -101,16 +128,15 @@ class OrbitalGuidance(ABC):
             goal: goal.
             time_left: time until the planned arrival, s.
             deadline: time until the deadline, s.
-            limits: limits of the mission.
         """
 
     @abstractmethod
-    def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
+    def price(self, state: Any, goal: Any, time_left: Field) -> Field:
         """Velocity change of going to the goal with a burn now, m/s, and of braking if the craft brakes."""
 
     @abstractmethod
     def _planned_price(
-        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
+        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field
     ) -> Field:
         """Velocity change for an arrival after a time, m/s, and a penalty if limits delay it beyond the latest."""
 
@@ -121,11 +147,81 @@ class OrbitalGuidance(ABC):
 
     def _coasting_velocity(self, p: Any, goal: Any, time: Field) -> Any:
         """Velocity, m/s, with which a craft coasts from a position to the goal in a time, s."""
-        return velocity_to_reach(self.coasts.drift, p, goal.p, time)
+        return velocity_to_reach(self.drift, p, goal.p, time)
 
     def _bounded(self, time: Field) -> Field:
         """A time, s, and the least time of a coast if it is less."""
-        return at_least(time, self.coasts.shortest)
+        return at_least(time, self.shortest)
+
+    @property
+    def _speed_limits(self) -> tuple[SpeedLimit, ...]:
+        return tuple(limit for limit in self.limits if isinstance(limit, SpeedLimit))
+
+    def allowed_speed(self, limit: SpeedLimit, p: Any, v: Any) -> Field:
+        """Speed limit at a position less the reserve, m/s."""
+        return limit.gap(p, v.scale(0.0)) * (1.0 - self.speed_reserve)
+
+    def within(self, state: Any, velocity: Any, time: Field) -> Any:
+        """A velocity in W, m/s, for a coast of a time, s, changed so far that it keeps balls and speeds."""
+        for ball in self.limits:
+            for _ in range(self.pushes if isinstance(ball, Ball) else 0):
+                velocity = velocity + self._around(ball, state, velocity, time)
+        return self.slowed(state, velocity)
+
+    def slowed(self, state: Any, velocity: Any) -> Any:
+        """A velocity in W, m/s, scaled down to the largest speed that is allowed where the craft is.
+
+        The direction stays, as plans aim by it.
+        """
+        largest: Field = self.largest_speed
+        for limit in self._speed_limits:
+            allowed = self.allowed_speed(limit, state.p, state.v)
+            largest = where(allowed < largest, allowed, largest)
+        speed = velocity.norm()
+        factor = where(speed > largest, largest / at_least(speed, _LEAST_SPEED), 1.0)
+        return velocity.scale(factor)
+
+    def nearest(self, ball: Ball, state: Any, velocity: Any, time: Field) -> tuple[Any, Field]:
+        """The nearest point of a coast to a ball's centre.
+
+        Args:
+            ball: ball.
+            state: where the coast starts.
+            velocity: of its start in W, m/s.
+            time: of the coast, s.
+
+        Returns:
+            The point relative to the centre, in W, m, and when the craft is there, s.
+        """
+        # The nearest of a few points.
+        nearest = state.p - ball.centre
+        distance = nearest.norm()
+        when = time
+        for k in range(1, _COAST_POINTS + 1):
+            fraction = k / (_COAST_POINTS + 1)
+            p, _ = self.drift.carry(state.p, velocity, time * fraction)
+            offset = p - ball.centre
+            nearer = offset.norm() < distance
+            nearest = map_leaves(partial(where, nearer), offset, nearest)
+            distance = where(nearer, offset.norm(), distance)
+            when = where(nearer, time * fraction, when)
+        # The nearest point of a straight line through it, at most halfway to the points beside it.
+        p, v = self.drift.carry(state.p, velocity, when)
+        spacing = time * (0.5 / (_COAST_POINTS + 1))
+        earlier = (p - ball.centre).dot(v) / at_least(v.dot(v), _LEAST_SPEED)
+        earlier = where(
+            earlier > spacing, spacing, where(earlier < -spacing, 0.0 - spacing, earlier)
+        )
+        when = at_least(when - earlier, self.shortest)
+        p, _ = self.drift.carry(state.p, velocity, when)
+        return p - ball.centre, when
+
+    def _around(self, ball: Any, state: Any, velocity: Any, time: Field) -> Any:
+        """Velocity change, m/s, that moves the nearest point of a coast out of a ball."""
+        nearest, when = self.nearest(ball, state, velocity, time)
+        distance = nearest.norm()
+        inside = at_least(ball.radius + self.keep_out_reserve - distance, 0.0)
+        return nearest.scale(inside / (at_least(distance, _LEAST_DISTANCE) * when))
 
 
 @dataclass(frozen=True)
@@ -137,22 +233,20 @@ class SingleImpulse(OrbitalGuidance):
     keep-out balls the point of the coast that is nearest to a ball's centre is moved out of it.
     """
 
-    def velocity(
-        self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
-    ) -> Any:
+    def velocity(self, state: Any, goal: Any, time_left: Field, deadline: Field) -> Any:
         """See `OrbitalGuidance.velocity`; the part of the impulse across the plane may wait."""
         time = self._bounded(time_left)
         velocity = self._coasting_velocity(state.p, goal, time)
         # The node is that of a circular orbit.
-        if not self.brakes and isinstance(velocity, Vec3) and self.coasts.drift.steady:
+        if not self.brakes and isinstance(velocity, Vec3) and self.drift.steady:
             velocity = self._in_plane(state, velocity - state.v, time) + state.v
-        return self.coasts.within(limits, state, velocity, time)
+        return self.within(state, velocity, time)
 
-    def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
+    def price(self, state: Any, goal: Any, time_left: Field) -> Field:
         """See `OrbitalGuidance.price`."""
         time = self._bounded(time_left)
         velocity = self._coasting_velocity(state.p, goal, time)
-        gain = self.coasts.within(limits, state, velocity, time) - state.v
+        gain = self.within(state, velocity, time) - state.v
         return self._gain_price(state, goal, time_left, gain)
 
     def _gain_price(self, state: Any, goal: Any, time_left: Field, gain: Any) -> Field:
@@ -161,11 +255,11 @@ class SingleImpulse(OrbitalGuidance):
         if not self.brakes:
             return price
         time = self._bounded(time_left)
-        _, at_goal = self.coasts.drift.carry(state.p, state.v + gain, time)
+        _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         return price + axis_price(at_goal - goal.v)
 
     def _planned_price(
-        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
+        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field
     ) -> Field:
         """Price, m/s, of an arrival after a time (s), with what limits and the deadline `latest` would cost.
 
@@ -177,18 +271,20 @@ class SingleImpulse(OrbitalGuidance):
         delay = time * 0.0
         braked = time * 0.0
         # In the middle of equal parts of the coast.
-        for k in range(COAST_POINTS + 1):
-            fraction = (k + 0.5) / (COAST_POINTS + 1)
-            p, v = self.coasts.drift.carry(start.p, velocity, self._bounded(time) * fraction)
-            for limit in limits.speeds:
+        for k in range(_COAST_POINTS + 1):
+            fraction = (k + 0.5) / (_COAST_POINTS + 1)
+            p, v = self.drift.carry(start.p, velocity, self._bounded(time) * fraction)
+            for limit in self._speed_limits:
                 # This part of the way takes longer, and the excess speed is braked.
                 speed = v.norm()
-                allowed = self.coasts.allowed_speed(limit, p, v)
+                allowed = self.allowed_speed(limit, p, v)
                 excess = at_least(speed - allowed, 0.0)
                 braked = where(excess > braked, excess, braked)
                 slowest = at_least(allowed, _LEAST_ALLOWED_SPEED)
-                delay = delay + time * (excess / (slowest * (COAST_POINTS + 1)))
-            for limit in (*limits.balls, *limits.others):
+                delay = delay + time * (excess / (slowest * (_COAST_POINTS + 1)))
+            for limit in self.limits:
+                if isinstance(limit, SpeedLimit):
+                    continue
                 price = price + at_least(0.0 - limit.gap(p, v), 0.0) * _LIMIT_PRICE
         late = at_least(time + delay - latest, 0.0)
         return price + braked + late * (_LIMIT_PRICE / self._bounded(latest))
@@ -200,7 +296,7 @@ class SingleImpulse(OrbitalGuidance):
         are postponed save 1 % by 2,000 s, and nothing by 1,000 s.
         """
         # A postponed burn makes the arrival faster, so it is allowed only while the arrival is slow enough.
-        _, at_goal = self.coasts.drift.carry(state.p, state.v + gain, time)
+        _, at_goal = self.drift.carry(state.p, state.v + gain, time)
         waits = at_goal.norm() < self.velocity_tolerance * _SLOW_ARRIVAL
         waits = waits & (time > 0.5 * math.pi / self.mean_motion)
         return replace(gain, z=where(waits, gain.z * 0.0, gain.z))
@@ -213,9 +309,7 @@ class FewBurns(OrbitalGuidance):
     A coast is moved out of all balls as by `SingleImpulse`, repeatedly.
     """
 
-    def velocity(
-        self, state: Any, goal: Any, time_left: Field, deadline: Field, limits: Limits
-    ) -> Any:
+    def velocity(self, state: Any, goal: Any, time_left: Field, deadline: Field) -> Any:
         """Velocity in W, m/s, by few burns with a brake around the arrival; see `OrbitalGuidance.velocity`."""
         period = self.period
         time = self._bounded(time_left)
@@ -229,20 +323,20 @@ class FewBurns(OrbitalGuidance):
             self._coasting_velocity(state.p, goal, rescue),
             state.v + transfer.burn,
         )
-        velocity = self.coasts.within(limits, state, aimed, where(late, rescue, time))
+        velocity = self.within(state, aimed, where(late, rescue, time))
         # After the arrival there are no corrections: the craft keeps its velocity below speed limits.
         waits = time_left < 0.5 * period
-        waiting = self.coasts.slowed(limits, state, state.v) if limits.speeds else state.v
+        waiting = self.slowed(state, state.v) if self._speed_limits else state.v
         coasting = map_leaves(partial(where, waits), waiting, velocity)
         braked = self._braked(state, goal, coasting, time_left, deadline)
         return map_leaves(partial(where, late), velocity, braked)
 
-    def price(self, state: Any, goal: Any, time_left: Field, limits: Limits) -> Field:
-        """See `OrbitalGuidance.price`; limits are ignored."""
+    def price(self, state: Any, goal: Any, time_left: Field) -> Field:
+        """See `OrbitalGuidance.price`; `limits` are ignored."""
         return self._transfer(state, goal, self._bounded(time_left)).price
 
     def _planned_price(
-        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field, limits: Limits
+        self, start: Any, goal: Any, time: Field, latest: Field, deadline: Field
     ) -> Field:
         transfer = self._transfer(start, goal, time)
         late = at_least(time + self._braking_after(transfer.brake) - deadline, 0.0)

@@ -38,8 +38,6 @@ from rans.extend import (
 from rans.tasks.observation_terms import AdvisedVelocityChange
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.guidance.arrival import TIME_ROUNDING
-from rans_missions.guidance.coasts import Coasts
-from rans_missions.guidance.limits import Limits
 from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
 from rans_missions.guidance.staying import balancing_velocity, staying_velocity
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS
@@ -382,13 +380,12 @@ class OrbitalMission(SingleTask):
         unplanned = self.goal_notes(deadline, deadline, deadline * 0.0, angle)
         goal = replace(goal, notes=unplanned)
         guidance = self.guidance_at(goal)
-        drift = guidance.coasts.drift
+        drift = guidance.drift
         if isinstance(drift, PerturbedOrbit):
             # Arrival times are compared without oblateness: it changes all prices alike, and each comparison
             # would integrate it some thirty times, in nine of ten lines of a generated kernel.
-            coasts = replace(guidance.coasts, drift=replace(drift, oblateness=0.0))
-            guidance = replace(guidance, coasts=coasts)
-        arrival = guidance.arrival(start, goal, deadline, self.guidance_limits(goal))
+            guidance = replace(guidance, drift=replace(drift, oblateness=0.0))
+        arrival = guidance.arrival(start, goal, deadline)
         return replace(goal, notes=replace(unplanned, arrival=arrival, won=deadline * 0.0))
 
     def guidance_at(self, goal: State) -> OrbitalGuidance:
@@ -397,17 +394,10 @@ class OrbitalMission(SingleTask):
         Plans of goals and the velocity that networks observe come of it, so that recorded flights rely on its
         settings.
         """
-        coasts = Coasts(
-            self.drift_at(goal),
-            self.speed_reserve,
-            self.keep_out_reserve,
-            self.most_gain,
-            self.shortest_aim,
-            _PUSHES_OF_FEW_BURNS if self.few_burns else 1,
-        )
         kind = FewBurns if self.few_burns else SingleImpulse
         return kind(
-            coasts,
+            self.drift_at(goal),
+            self.scenery(goal),
             self.mean_motion,
             self.timing.control_period,
             self.position_tolerance,
@@ -415,15 +405,11 @@ class OrbitalMission(SingleTask):
             self.brakes,
             self.braking,
             self.braking_time,
-        )
-
-    def guidance_limits(self, goal: State) -> Limits:
-        """Limits of the mission, by what guidance does about them."""
-        shapes = tuple(self.limits(goal).values())
-        return Limits(
-            balls=tuple(shape for shape in shapes if isinstance(shape, Ball)),
-            speeds=tuple(shape for shape in shapes if isinstance(shape, SpeedLimit)),
-            others=tuple(shape for shape in shapes if not isinstance(shape, Ball | SpeedLimit)),
+            self.speed_reserve,
+            self.keep_out_reserve,
+            self.most_gain,
+            self.shortest_aim,
+            _PUSHES_OF_FEW_BURNS if self.few_burns else 1,
         )
 
     def arrival(self, goal: State) -> Field:
@@ -473,8 +459,7 @@ class OrbitalMission(SingleTask):
 
     def recommended(self, state: Any, goal: Any, left: Field) -> Any:
         """Velocity in W, m/s, with which `guidance` goes to the goal in the time left, s, within the limits."""
-        limits = self.guidance_limits(goal)
-        return self.guidance_at(goal).velocity(state, goal, left, goal.notes.deadline, limits)
+        return self.guidance_at(goal).velocity(state, goal, left, goal.notes.deadline)
 
     def staying(self, state: Any, goal: Any, acceleration: Any = None) -> Any:
         """Velocity in W, m/s, with which a craft that has arrived stays at the goal, however long.
@@ -602,7 +587,7 @@ class OrbitalMission(SingleTask):
 
     def _counted(self, state: Any, goal: Any, left: Field) -> Field:
         """Velocity to gain as rewards count it, m/s: the price of `guidance`, at most `most_gain`."""
-        price = self.guidance_at(goal).price(state, goal, left, self.guidance_limits(goal))
+        price = self.guidance_at(goal).price(state, goal, left)
         return where(price < self.most_gain, price, self.most_gain)
 
     def done(self, state: State, goal: State) -> Field:
