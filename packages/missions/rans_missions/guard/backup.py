@@ -135,7 +135,7 @@ class _Search:
         for some in (library[:1], library[1:]):
             left = np.flatnonzero(~safe)
             if some and len(left):
-                kept = self.kept(some, *taken((state, goal), left), self._slack)
+                kept = self.kept(some, taken(state, left), taken(goal, left), self._slack)
                 safe[left] = (kept >= self._slack).any(axis=0)
         return safe
 
@@ -184,7 +184,7 @@ class _Search:
         passed = arrival.least >= self._slack
         left = np.flatnonzero(passed)
         if len(left):
-            passed[left] = self.safe(*taken((arrival.state, arrival.goal), left), library)
+            passed[left] = self.safe(taken(arrival.state, left), taken(arrival.goal, left), library)
         return passed
 
     def instead(self, state: Any, goal: Any, command: Command) -> np.ndarray:
@@ -198,12 +198,12 @@ class _Search:
         near = np.array(self._near(command, first))
         again = np.tile(np.arange(size), len(near))
         tried = tuple(np.concatenate(near, axis=1))
-        good = self.passes(*taken((state, goal), again), tried, self.ways[:_FEW])
+        good = self.passes(taken(state, again), taken(goal, again), tried, self.ways[:_FEW])
         good = good.reshape(len(near), size)
         result = near[good.argmax(axis=0), :, np.arange(size)].T
         left = np.flatnonzero(~good.any(axis=0))
         if len(left):
-            result[:, left] = self._backup(*taken((state, goal), left))
+            result[:, left] = self._backup(taken(state, left), taken(goal, left))
         return result
 
     def _backup(self, state: Any, goal: Any) -> np.ndarray:
@@ -219,10 +219,10 @@ class _Search:
         works = kept >= self._slack
         lost = np.flatnonzero(~works.any(axis=0))
         if len(lost):
-            kept[1:, lost] = self.kept(self.ways, *taken((state, goal), lost), -np.inf)
+            kept[1:, lost] = self.kept(self.ways, taken(state, lost), taken(goal, lost), -np.inf)
         chosen = np.where(works.any(axis=0), works.argmax(axis=0), kept.argmax(axis=0))
         again = np.tile(np.arange(size), len(self.ways))
-        pushes = self.command(repeated(self.ways, size), *taken((state, goal), again))
+        pushes = self.command(repeated(self.ways, size), taken(state, again), taken(goal, again))
         commands = np.reshape(pushes, (-1, len(self.ways), size))
         commands = np.concatenate([0.0 * commands[:, :1], commands], axis=1)
         return commands[:, chosen, np.arange(size)]
