@@ -1,21 +1,15 @@
-"""Bounds of transfers that end at rest, for thrusters of every kind and craft with reaction wheels.
+"""Bounds of transfers for thrusters of every kind and craft with reaction wheels.
 
 A convex relaxation, as `rans.optimal.certificate.hull`, for any commands between 0 and 1 that may change at any
 instant. Two things make it closer: the attitude at every instant lies in a tube, which the largest torque leaves
 around the attitude of the start and of the goal, and one set of thrusters has to push and to turn. Reaction wheels
 turn the craft without a price; the limit of their momentum is left out.
-
-Multipliers are found by cutting planes (J. E. Kelley, "The cutting-plane method for solving convex programs", 1960)
-and linear programs. Whatever multipliers a solver returns, the bound is computed from them anew and holds
-(docs/certificate.md proves it), so that the tolerance of the solver does not matter. Whatever it changes must stay
-a lower bound: tests hold it below linear programs and every trajectory found.
 """
 
 from __future__ import annotations
 
 import contextlib
 import math
-from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -32,6 +26,7 @@ from rans.optimal.certificate.goal_set import (
     check_period,
     rounded_up,
 )
+from rans.optimal.certificate.transfer import Corners, Transfer, Turning
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
 
@@ -41,14 +36,6 @@ _MOST_THRUSTERS = 16
 """Largest number of thrusters, whose sets are enumerated."""
 _MANY = 1000
 """Number of wrenches in space beyond which those inside the convex hull of all are left out."""
-_ROUNDS = 40
-"""Largest number of rounds of cutting planes."""
-_CLOSE = 1e-3
-"""Relative distance between bound and linear program at which rounds end, and accuracy of a least time."""
-_ROUNDING = 1e-8
-"""Relative part of a bound that is subtracted for rounding: wrenches count as one where they agree to 1e-9."""
-_LONGEST = 1e6
-"""Time, s, beyond which nothing is excluded: a craft that needs longer has nearly no thrust in some direction."""
 _MIXTURES = 0.0, 0.5, 0.9, 1.0
 """How much of the energy is taken from the squared angular momentum in measures of rotation in space."""
 _MIDDLES = 0.3, 0.5, 0.7
@@ -58,36 +45,6 @@ _PRICES = 8
 """Number of parts of a flight with a price of their own for the angle from the middle of the tube."""
 _PERIODS = 50
 """Largest number of periods that one bound excludes, 0.03 to 0.3 s of processor time each."""
-_LARGEST = 30.0
-"""Largest multiplier of an impulse; those of optimal flights are below 5."""
-
-
-class _Corners(NamedTuple):
-    """Extreme wrenches of the thrusters."""
-
-    force: np.ndarray
-    """(K, d) in B, N."""
-    torque: np.ndarray
-    """(K,) about z in the plane, N m; in space how fast it changes a `_Measure`."""
-    thrust: np.ndarray
-    """(K,) sum of the open thrusters' forces, N."""
-    arm: float
-    """Largest torque over thrust."""
-
-
-class _Turning(NamedTuple):
-    """What torque has to give in a transfer, and its E multipliers."""
-
-    gain: np.ndarray
-    """(E,) linear part of the bound."""
-    spared: np.ndarray
-    """(E,) price of the size of each multiplier: what the goal set leaves open."""
-    basis: np.ndarray
-    """(N, 2, E) by what the multipliers price torque at both ends of each interval."""
-    lean: np.ndarray
-    """(N, E) by what the multipliers price, in each interval, the angle from the middle of the tube."""
-    signs: tuple[int, ...]
-    """Sign that each multiplier must have; 0: either."""
 
 
 class _Measure(NamedTuple):
@@ -98,8 +55,12 @@ class _Measure(NamedTuple):
     most k = |sqrt(c / J) torque| per second. In the metric of r, attitudes are a distance apart.
     """
 
-    weights: tuple[float, float, float]
+    weights: tuple[float, ...]
     """c_i >= 0 of the principal axes, from the least moment of inertia to the largest."""
+    largest: float
+    """The largest k of thrusters and wheels."""
+    arm: float
+    """The largest k over thrust; infinite with wheels."""
 
     def distance(self, moments: np.ndarray, angle: float, axes: np.ndarray) -> float:
         """Least integral of r over time between two attitudes.
@@ -115,229 +76,6 @@ class _Measure(NamedTuple):
         return math.sqrt(stiff[i] * angle**2 + (stiff[j] - stiff[i]) * float(axes[i]) ** 2)
 
 
-@dataclass(frozen=True)
-class _Transfer:
-    """A transfer of one craft in a given time, with a heading to turn by at least or exactly."""
-
-    corners: _Corners
-    wheels: float
-    """Largest torque of all wheels together, as those of the corners."""
-    mass: float
-    time: float
-    """s"""
-    way: np.ndarray
-    """(d,) displacement that thrust has to give, m."""
-    change: np.ndarray
-    """(d,) change of velocity, m/s."""
-    tolerances: GoalSet
-    turning: _Turning
-    """What torque has to give."""
-    centre: np.ndarray
-    """(N, d, d) attitude in the middle of the tube in each interval."""
-    width: np.ndarray
-    """(N,) largest angle from there, rad."""
-
-    @property
-    def count(self) -> int:
-        """Number of multipliers: of velocity and position, and those of the rotation."""
-        return 2 * len(self.way) + len(self.turning.gain)
-
-    def gain(self) -> np.ndarray:
-        """(count,) linear part of the bound: of multipliers of velocity, of position over the time, and so on."""
-        parts = [self.mass * self.change, self.mass * self.way / self.time, self.turning.gain]
-        return np.concatenate(parts)
-
-    def radii(self) -> np.ndarray:
-        """Price of the size of each multiplier, vectors being one: what the goal set leaves open."""
-        near = self.tolerances
-        sizes = [self.mass * near.velocity, self.mass * near.position / self.time]
-        return np.concatenate([sizes, self.turning.spared])
-
-    def sizes(self, x: np.ndarray) -> np.ndarray:
-        """Sizes of the multipliers, vectors being one."""
-        d = len(self.way)
-        return np.array([np.linalg.norm(x[:d]), np.linalg.norm(x[d : 2 * d]), *np.abs(x[2 * d :])])
-
-    def ends(self) -> np.ndarray:
-        """(N, 2) share of the time that is left at both ends of each interval."""
-        left = np.linspace(1.0, 0.0, len(self.width) + 1)
-        return np.stack([left[:-1], left[1:]], axis=1)
-
-    def best(self, x: np.ndarray, price: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Largest (N, 2) of what thrust is worth less its price at both ends of the intervals, and where it is.
-
-        Returns:
-            The values, N; slopes (N, 2, d + 2) by force, torque and price of the angle; and prices (N, 2).
-        """
-        d = len(self.way)
-        left = self.ends()[..., None]
-        pull = x[:d] + left * x[d : 2 * d]
-        turning = self.turning.basis @ x[2 * d :]
-        size = np.linalg.norm(pull, axis=-1)
-        ahead = pull / np.where(size > 0.0, size, 1.0)[..., None]
-        # In the frame of the middle of the tube: angles between the pull and the force of every set.
-        force = np.linalg.norm(self.corners.force, axis=1)
-        unit = self.corners.force / np.where(force > 0.0, force, 1.0)[:, None]
-        inside = np.einsum("nji,nej->nei", self.centre, ahead)
-        angle = np.arccos(np.clip(inside @ unit.T, -1.0, 1.0))
-        # The attitude turns a force towards the pull: not, as far as the tube lets it, or as far as its price says.
-        pulled = size[..., None] * force
-        turned = np.minimum(angle, self.width[:, None, None])
-        lean = np.maximum(self.turning.lean @ x[2 * d :], 0.0)[:, None, None]
-        worth = pulled * np.cos(angle - turned)
-        if lean.any():
-            with np.errstate(divide="ignore", invalid="ignore"):
-                rest = np.arcsin(np.where(pulled > lean, lean / pulled, 1.0))
-            worth -= lean * turned
-            for less in (np.clip(angle - rest, 0.0, turned), 0.0 * turned):
-                value = pulled * np.cos(angle - less) - lean * less
-                turned = np.where(value > worth, less, turned)
-                worth = np.maximum(value, worth)
-        off = angle - turned
-        worth += turning[..., None] * self.corners.torque - price * self.corners.thrust
-        which = worth.argmax(axis=-1)
-        wheel = np.sign(turning) * self.wheels
-        values = np.take_along_axis(worth, which[..., None], -1)[..., 0] + turning * wheel
-        # The slope by the pull is the best force in W: turned by the tube towards the pull.
-        off = np.take_along_axis(off, which[..., None], -1)
-        axis = np.einsum("nij,nej->nei", self.centre, unit[which])
-        aside = axis - np.sum(axis * ahead, axis=-1, keepdims=True) * ahead
-        length = np.linalg.norm(aside, axis=-1, keepdims=True)
-        aside = aside / np.where(length > 0.0, length, 1.0)
-        forces = force[which][..., None] * (np.cos(off) * ahead + np.sin(off) * aside)
-        torque = self.corners.torque[which] + wheel
-        leant = np.take_along_axis(turned, which[..., None], -1)
-        slopes = np.concatenate([forces, torque[..., None], leant], axis=-1)
-        return values, slopes, price * self.corners.thrust[which]
-
-    def value(self, x: np.ndarray, values: np.ndarray) -> float:
-        """Bound of multipliers, from the worth of thrust at both ends of every interval."""
-        used = float(values.sum()) * 0.5 * self.time / len(self.width)
-        linear = float(self.gain() @ x)
-        spared = float(self.radii() @ self.sizes(x))
-        return linear - spared - used - _ROUNDING * (abs(linear) + spared + used)
-
-    def bound(self, price: float) -> float:
-        """The best bound that cutting planes find; 0 if there is none.
-
-        Multipliers are in the order of `gain`: d of the velocity, d of the position, and those of the rotation.
-
-        Args:
-            price: of thrust. 1: the bound is that of the impulse, N s. 0: thrust costs nothing, and a result above
-                0 proves, whatever its size, that nothing arrives in the time; the first such result is returned.
-        """
-        from scipy import sparse
-        from scipy.optimize import linprog
-
-        d = len(self.way)
-        count = self.count
-        cells = len(self.width)
-        left = self.ends().ravel()
-        kinds = len(self.radii())
-        # Columns: multipliers, sizes of them, worth at both ends of the intervals.
-        total = count + kinds + 2 * cells
-        unit = np.ones(count)
-        # A torque counts as the force at the largest arm, which is 1e-6 m at least: a craft may have no torque.
-        unit[2 * d :] = 1.0 / max(self.corners.arm, 1e-6)
-        most = (_LARGEST if price else 1.0) * unit
-        low = np.concatenate([-most, np.zeros(kinds + 2 * cells)])
-        for k, sign in enumerate(self.turning.signs, 2 * d):
-            if sign > 0:
-                low[k] = 0.0
-            elif sign < 0:
-                most[k] = 0.0
-        high = np.concatenate([most, np.full(kinds + 2 * cells, np.inf)])
-        cost = -np.concatenate(
-            [self.gain(), -self.radii(), np.full(2 * cells, -0.5 * self.time / cells)]
-        )
-        rows: list[sparse.csr_matrix] = []
-        rights: list[np.ndarray] = []
-        x = np.zeros(count)
-        # First along the way: the pull is x[:d] + left x[d : 2 d], which goes from ahead to -ahead. At a size of 1
-        # thrust is worth its price. Without a price every size gives the same sign: 0.3 keeps twice of it below 1,
-        # the largest multiplier.
-        response = self.way if self.way.any() else self.change
-        if response.any():
-            ahead = response / np.linalg.norm(response) * (1.0 if price else 0.3)
-            x[:d] = -ahead
-            x[d : 2 * d] = 2.0 * ahead
-        best = 0.0
-        for _ in range(_ROUNDS):
-            values, slopes, prices = self.best(x, price)
-            best = max(best, self.value(x, values))
-            if not price and best > 0.0:
-                return best
-            # One cut for each end of each interval, and one for each size.
-            cut = np.zeros((2 * cells, total))
-            force = slopes[..., :d].reshape(-1, d)
-            cut[:, :d] = force
-            cut[:, d : 2 * d] = left[:, None] * force
-            basis = self.turning.basis.reshape(2 * cells, -1)
-            cut[:, 2 * d : count] = slopes[..., d].reshape(-1, 1) * basis
-            leans = np.repeat(self.turning.lean, 2, axis=0)
-            cut[:, 2 * d : count] -= slopes[..., d + 1].reshape(-1, 1) * leans
-            cut[np.arange(2 * cells), count + kinds + np.arange(2 * cells)] = -1.0
-            ball = np.zeros((2 * kinds, total))
-            for k in range(kinds):
-                part = slice(k * d, (k + 1) * d) if k < 2 else slice(2 * d + k - 2, 2 * d + k - 1)
-                size = np.linalg.norm(x[part])
-                ball[2 * k, part] = x[part] / size if size > 0.0 else 0.0
-                ball[2 * k + 1, part] = -ball[2 * k, part]
-                ball[2 * k : 2 * k + 2, count + k] = -1.0
-            rows.append(sparse.csr_matrix(np.vstack([cut, ball])))
-            rights.append(np.concatenate([prices.ravel(), np.zeros(2 * kinds)]))
-            answer = linprog(
-                cost,
-                sparse.vstack(rows),
-                np.concatenate(rights),
-                bounds=np.stack([low, high], axis=1),
-                method="highs",
-            )
-            if answer.x is None:  # pragma: no cover - the zero multipliers fulfil every cut
-                break
-            x = answer.x[:count]
-            ceiling = -float(answer.fun)
-            if ceiling <= best * (1.0 + _CLOSE) + 1e-12 * float(np.abs(cost).sum()):
-                break
-        return best
-
-
-def least_time(craft: Spacecraft, start: State, goal: State, tolerances: GoalSet) -> float:
-    """Time before which no craft is at rest within the tolerances of the goal's pose, s.
-
-    Who rests there may stay, so that what is excluded by a time is excluded by every earlier one.
-
-    Args:
-        craft: thrusters of any kind, with or without wheels, without propellant.
-        start: of floats.
-        goal: of floats, at rest.
-        tolerances: of position and heading; velocity and spin must be zero.
-
-    Raises:
-        ConfigError: no bound covers this craft, the goal moves, or the set allows motion.
-    """
-    _check(craft, start, goal)
-    if tolerances.velocity or tolerances.spin or any(leaves(goal.v)) or any(goal.spin()):
-        raise ConfigError(
-            "this bound of time is for ends at rest: the goal and the tolerances of velocity and spin must be zero."
-        )
-    # A time at which nothing is excluded; then bisection.
-    low = 0.0
-    high = 1.0
-    while _excluded(craft, start, goal, high, tolerances):
-        low = high
-        high *= 2.0
-        if high > _LONGEST:
-            return low
-    while high - low > _CLOSE * high:
-        middle = 0.5 * (low + high)
-        if _excluded(craft, start, goal, middle, tolerances):
-            low = middle
-        else:
-            high = middle
-    return low
-
-
 def least_arrival(
     craft: Spacecraft,
     start: State,
@@ -351,7 +89,7 @@ def least_arrival(
     The set may allow motion: who moves in it leaves it again, so that every period is excluded by itself.
 
     Args:
-        craft: see `least_time`.
+        craft: thrusters of any kind, with or without wheels, without propellant.
         start: of floats.
         goal: of floats.
         period: time between the instants at which a craft can count as arrived, s.
@@ -381,7 +119,7 @@ def least_impulse(
     It is infinite if the torque cannot turn the craft so far in this time.
 
     Args:
-        craft: see `least_time`.
+        craft: see `least_arrival`.
         start: of floats.
         goal: of floats.
         horizon: s.
@@ -435,6 +173,7 @@ def _check(craft: Spacecraft, start: State, goal: State) -> None:
     check_covered(craft)
 
 
+@cache
 def _sets(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     """Wrenches (K, 3 or 6) of all sets of thrusters, with shared thrust of single ones, and their thrust (K,).
 
@@ -450,23 +189,27 @@ def _sets(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     return sets @ craft.wrenches, sets @ forces
 
 
+def _torques(craft: Spacecraft, weights: tuple[float, ...] | None) -> tuple[np.ndarray, float]:
+    """Torque (K,) of all sets, and the largest of the wheels, N m; in space how fast they change a measure."""
+    wrench, _ = _sets(craft)
+    wheels = np.array(craft.wheel_map).reshape(-1, wrench.shape[1] - craft.dimension)
+    if weights is None:
+        return wrench[:, 2], float(np.abs(wheels).sum())
+    moments, principal = np.linalg.eigh(inertia(craft))
+    rate = principal.T * np.sqrt(np.array(weights) / moments)[:, None]
+    torques = np.linalg.norm(wrench[:, 3:] @ rate.T, axis=1)
+    return torques, float(np.linalg.norm(wheels @ rate.T, axis=1).sum())
+
+
 @cache
-def _corners(craft: Spacecraft, measure: _Measure | None) -> tuple[_Corners, float]:
-    """Extreme wrenches, and the largest torque of the wheels, N m; in space torques are those of a measure.
+def _corners(craft: Spacecraft, weights: tuple[float, ...] | None) -> Corners:
+    """Extreme wrenches and the largest torque of the wheels; in space torques are those of a measure.
 
     Points within the hull may be dropped, since the bound is linear in them; a corner may not.
     """
     size = craft.dimension
     wrench, thrust = _sets(craft)
-    if measure is None:
-        torque = wrench[:, size]
-        wheels = float(np.abs(np.array(craft.wheel_map)).sum())
-    else:
-        moments, principal = np.linalg.eigh(inertia(craft))
-        rate = principal.T * np.sqrt(np.array(measure.weights) / moments)[:, None]
-        torque = np.linalg.norm(wrench[:, size:] @ rate.T, axis=1)
-        axes = np.array(craft.wheel_map).reshape(-1, size)
-        wheels = float(np.linalg.norm(axes @ rate.T, axis=1).sum())
+    torque, wheels = _torques(craft, weights)
     points = np.column_stack([wrench[:, :size], torque, thrust])
     # Sets with the same wrench are one, the cheapest of them.
     order = np.argsort(points[:, -1], kind="stable")
@@ -479,9 +222,7 @@ def _corners(craft: Spacecraft, measure: _Measure | None) -> tuple[_Corners, flo
         # Flat hulls, as of thrusters that all push along a plane, have no corners: all points are kept.
         with contextlib.suppress(QhullError):
             points = points[ConvexHull(points / scale).vertices]
-    force, torque, thrust = points[:, :size], points[:, size], points[:, size + 1]
-    arm = float((np.abs(torque) / np.maximum(thrust, 1e-300)).max())
-    return _Corners(force, torque, thrust, arm), wheels
+    return Corners(points[:, :size], points[:, size], points[:, size + 1], wheels)
 
 
 def _transfer(
@@ -492,7 +233,7 @@ def _transfer(
     tolerances: GoalSet,
     sign: int,
     by_impulse: bool = False,
-) -> _Transfer | None:
+) -> Transfer | None:
     """The transfer of one way to turn; None: the torque does not suffice for it.
 
     The bound of a craft in space that is closer by impulse may be another than the one that is closer by time.
@@ -500,8 +241,8 @@ def _transfer(
     A flight is bounded by the least over all ways (`_signs`).
     """
     edges = np.linspace(0.0, time, _INTERVALS + 1)
-    displacement, before, after = (
-        np.array(x.columns(), float) for x in (goal.p - start.p, start.v, goal.v)
+    first, last, before, after = (
+        np.array(x.columns(), float) for x in (start.p, goal.p, start.v, goal.v)
     )
     turned = (
         _turned_in_plane(craft, start, goal, edges, tolerances, sign)
@@ -510,22 +251,30 @@ def _transfer(
     )
     if turned is None:
         return None
-    measure, turning, centre, width = turned
-    return _Transfer(
-        *_corners(craft, measure),
+    weights, turning, centre, width = turned
+    return Transfer(
+        _corners(craft, weights),
         craft.mass,
         time,
-        displacement - before * time,
+        last - first - before * time,
         after - before,
-        tolerances,
+        (
+            tolerances.velocity + _rounding(before, after),
+            tolerances.position + _rounding(first, last, before * time),
+        ),
         turning,
         centre,
         width * (1.0 + 1e-12) + 1e-12,
     )
 
 
-_Turned = tuple[_Measure | None, _Turning, np.ndarray, np.ndarray]
-"""Measure of torques, what they have to give, and middle (N, d, d) and half width (N,) of the tube."""
+def _rounding(*terms: np.ndarray | float) -> float:
+    """More than the sum of these terms may be wrong by: a flight without thrust ends where it does to rounding."""
+    return 1e-12 * float(sum(np.abs(term).sum() for term in terms))
+
+
+_Turned = tuple[tuple[float, ...] | None, Turning, np.ndarray, np.ndarray]
+"""Weights of a measure, what torques have to give, and middle (N, d, d) and half width (N,) of the tube."""
 
 
 def _turned_in_plane(
@@ -542,60 +291,70 @@ def _turned_in_plane(
     """
     moment = float(inertia(craft)[0, 0])
     time = float(edges[-1])
-    corners, wheels = _corners(craft, None)
-    fastest = (float(np.abs(corners.torque).max()) + wheels) / moment
+    torques, wheels = _torques(craft, None)
+    fastest = (float(np.abs(torques).max()) + wheels) / moment
     spins = float(start.spin()[0]), float(goal.spin()[0])
     angle = float(rotation_vector(start.attitude.to(goal.attitude))[0])
-    tube = _plane_tube(start, goal, angle, spins, fastest, edges, tolerances, sign)
-    if tube is None:
-        return None
+    first = float(leaves(start.attitude)[0])
+    if sign:  # whoever turns this far passes every heading
+        middle = np.full(len(edges) - 1, first)
+        width = np.full(len(edges) - 1, math.pi)
+    else:
+        left = time - edges
+        grown = 0.5 * fastest * edges**2
+        coming = 0.5 * fastest * left**2 + tolerances.spin * left + tolerances.heading
+        drift = first + spins[0] * edges
+        ending = first + angle - spins[1] * left
+        # In an interval the tube is as wide as at its wider end, on either side.
+        low = np.maximum(
+            np.minimum(drift[:-1], drift[1:]) - grown[1:],
+            np.minimum(ending[:-1], ending[1:]) - coming[:-1],
+        )
+        high = np.minimum(
+            np.maximum(drift[:-1], drift[1:]) + grown[1:],
+            np.maximum(ending[:-1], ending[1:]) + coming[:-1],
+        )
+        if bool((high < low - 1e-12).any()):
+            return None
+        middle = 0.5 * (low + high)
+        width = np.minimum(0.5 * np.maximum(high - low, 0.0), math.pi)
     # Multipliers of the spin and of the heading over the time.
     turn = angle + sign * 2.0 * math.pi - spins[0] * time
-    left = 1.0 - edges / time
-    pairs = np.stack([left[:-1], left[1:]], axis=1)
-    turning = _Turning(
+    share = 1.0 - edges / time
+    pairs = np.stack([share[:-1], share[1:]], axis=1)
+    turning = Turning(
         moment * np.array([spins[1] - spins[0], turn / time]),
-        moment * np.array([tolerances.spin, tolerances.heading / time]),
+        moment * np.array([tolerances.spin, tolerances.heading / time])
+        + moment * _rounding(first, angle, spins[0], spins[1]) * np.array([1.0, 1.0 / time + 1.0]),
         np.stack([np.ones_like(pairs), pairs], axis=2),
         np.zeros((len(pairs), 2)),
         (0, sign),
     )
-    middle, width = tube
-    cos = np.cos(middle)
-    sin = np.sin(middle)
-    return (
-        None,
-        turning,
-        np.stack([np.stack([cos, -sin], 1), np.stack([sin, cos], 1)], axis=1),
-        width,
-    )
+    cos, sin = np.cos(middle), np.sin(middle)
+    centre = np.moveaxis(np.array([[cos, -sin], [sin, cos]]), 2, 0)
+    return None, turning, centre, width
 
 
 @cache
-def _measures(craft: Spacecraft) -> tuple[tuple[_Measure, float, float], ...]:
-    """Measures of rotation in space, each with the largest k, and the largest over thrust; infinite with wheels.
+def _measures(craft: Spacecraft) -> tuple[_Measure, ...]:
+    """Measures of rotation in space.
 
     The momentum of wheels turns with the craft and may change its angular momentum, but not its energy.
     """
-    moments, principal = np.linalg.eigh(inertia(craft))
+    moments = np.linalg.eigvalsh(inertia(craft))
     mixed = [moments - x * moments[0] for x in _MIXTURES]
     mixed += [x * moments[2] - moments for x in (1.0, 1.5)]
-    candidates = [moments[2] * np.ones(3), *([] if craft.wheels else mixed)]
-    wrench, thrust = _sets(craft)
-    wheels = np.array(craft.wheel_map).reshape(-1, 3)
     result = []
-    for weights in candidates:
+    for candidate in [moments[2] * np.ones(3), *([] if craft.wheels else mixed)]:
         # Of equal moments nothing but rounding may be left.
-        weights = np.where(weights < 1e-9 * moments[2], 0.0, weights)
+        weights = np.where(candidate < 1e-9 * moments[2], 0.0, candidate)
         if not weights.any():
             continue
-        weights = weights / weights.max()
-        rate = principal.T * np.sqrt(weights / moments)[:, None]
-        torques = np.linalg.norm(wrench[:, 3:] @ rate.T, axis=1)
-        arm = math.inf if craft.wheels else float((torques / np.maximum(thrust, 1e-300)).max())
-        largest = float(torques.max() + np.linalg.norm(wheels @ rate.T, axis=1).sum())
-        first, second, third = (float(x) for x in weights)
-        result.append((_Measure((first, second, third)), largest, arm))
+        weights = tuple((weights / weights.max()).tolist())
+        torques, wheels = _torques(craft, weights)
+        arm = float((torques / np.maximum(_sets(craft)[1], 1e-300)).max())
+        largest = float(torques.max()) + wheels
+        result.append(_Measure(weights, largest, math.inf if craft.wheels else arm))
     return tuple(result)
 
 
@@ -624,7 +383,8 @@ def _turned_in_space(
     ahead = np.full(len(edges), np.inf)
     back = np.full(len(edges), np.inf)
     choices = []
-    for measure, largest, arm in _measures(craft):
+    for measure in _measures(craft):
+        largest = measure.largest
         stiff = np.array(measure.weights) * moments
         speeds = [math.sqrt(float(stiff @ w**2)) for w in spins]
         speeds[1] += math.sqrt(float(stiff.max())) * tolerances.spin
@@ -637,7 +397,7 @@ def _turned_in_space(
         if least := math.sqrt(float(stiff.min())):
             ahead = np.minimum(ahead, before / least)
             back = np.minimum(back, rest / least)
-        strength = max(arm if by_impulse else largest, 1e-300)
+        strength = max(measure.arm if by_impulse else largest, 1e-300)
         choices.append((distance / strength, measure, distance, speeds))
 
     # The measure whose distance is farthest for the torque.
@@ -649,16 +409,16 @@ def _turned_in_space(
     narrow = ahead[1:] < back[:-1]
     least = math.sqrt(float((np.array(measure.weights) * moments).min()))
     basis, lean, free = _leaning(edges, narrow, speeds, least, tolerances.heading)
-    turning = _Turning(
+    turning = Turning(
         np.concatenate([gain, -free]),
-        np.zeros(len(middles) + len(free)),
+        np.append(np.full(len(middles), _rounding(distance / time, *speeds)), np.zeros(len(free))),
         np.concatenate([np.abs(pairs[..., None] - middles), basis], axis=2),
         np.concatenate([np.zeros((len(lean), len(middles))), lean], axis=1),
         (1,) * (len(middles) + len(free)),
     )
     centre = np.where(narrow[:, None, None], first, last)
     width = np.minimum(np.where(narrow, ahead[1:], back[:-1]), math.pi)
-    return measure, turning, centre, width
+    return measure.weights, turning, centre, width
 
 
 def _leaning(
@@ -722,40 +482,3 @@ def _matrix(state: State) -> np.ndarray:
             [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-def _plane_tube(
-    start: State,
-    goal: State,
-    angle: float,
-    spins: tuple[float, float],
-    fastest: float,
-    edges: np.ndarray,
-    tolerances: GoalSet,
-    sign: int,
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """Middle (N,) and half width (N,) of the headings of each interval, rad; None: there are none in one.
-
-    No heading that a flight can have in an interval may lie outside of it.
-    """
-    first = float(leaves(start.attitude)[0])
-    time = edges[-1]
-    left = time - edges
-    if sign:  # whoever turns this far passes every heading
-        return np.full(len(edges) - 1, first), np.full(len(edges) - 1, math.pi)
-    grown = 0.5 * fastest * edges**2
-    coming = 0.5 * fastest * left**2 + tolerances.spin * left + tolerances.heading
-    drift = first + spins[0] * edges
-    ending = first + angle - spins[1] * left
-    # In an interval the tube is as wide as at its wider end, on either side.
-    low = np.maximum(
-        np.minimum(drift[:-1], drift[1:]) - grown[1:],
-        np.minimum(ending[:-1], ending[1:]) - coming[:-1],
-    )
-    high = np.minimum(
-        np.maximum(drift[:-1], drift[1:]) + grown[1:],
-        np.maximum(ending[:-1], ending[1:]) + coming[:-1],
-    )
-    if bool((high < low - 1e-12).any()):
-        return None
-    return 0.5 * (low + high), np.minimum(0.5 * np.maximum(high - low, 0.0), math.pi)

@@ -20,6 +20,7 @@ from rans.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate.goal_set import GoalSet, check_certifiable, check_finite
+from rans.optimal.certificate.transfer import Corners, Transfer, Turning
 from rans.optimal.trajectory.allocation import inertia
 from rans.optimal.trajectory.guess import rotation_vector
 
@@ -254,8 +255,26 @@ def least_fuel(
     reach = Reach.of(craft)
     angular_impulse = max(2.0 * turn / horizon - before - after, change) - _ROUNDING * before
     turning = angular_impulse / reach.arm if angular_impulse > 0 else 0.0
-    # Translation: the best bound of weak duality.
-    moving = _Dual(craft, aims, start, goal, horizon, goal_set).ascend()
+    # Translation: the force at each thrust in any direction, as no tube limits the attitude.
+    displacement, first, last = (
+        np.array(x.columns(), float) for x in (goal.p - start.p, start.v, goal.v)
+    )
+    count = len(first)
+    translation = Transfer(
+        Corners(reach.force[:, None] * np.eye(count)[0], 0.0 * reach.force, reach.thrust),
+        craft.mass,
+        horizon,
+        displacement - first * horizon,
+        last - first,
+        (
+            goal_set.velocity if "velocity" in aims else math.inf,
+            goal_set.position if "position" in aims else math.inf,
+        ),
+        Turning.none(_PARTS),
+        np.broadcast_to(np.eye(count), (_PARTS, count, count)),
+        np.full(_PARTS, math.pi),
+    )
+    moving = translation.bound(1.0)
     bound = max(turning, moving, 0.0) * (1.0 - _ROUNDING)
     return bound if bound <= horizon * reach.most else math.inf
 
@@ -281,57 +300,3 @@ def _rotation(
     slack = float(moments[-1]) * goal_set.spin if "spin" in aims else math.inf
     moment = angle * float(moments[0]) if "attitude" in aims else -math.inf
     return moment, before, after + slack, max(0.0, abs(after - before) - slack)
-
-
-class _Dual:
-    """The dual function of the translation: every costate gives a bound of the impulse."""
-
-    def __init__(
-        self,
-        craft: Spacecraft,
-        aims: Collection[str],
-        start: State,
-        goal: State,
-        horizon: float,
-        goal_set: GoalSet,
-    ) -> None:
-        self._reach = Reach.of(craft)
-        self._mass = craft.mass
-        self._horizon = horizon
-        self._left = np.linspace(horizon, 0.0, _PARTS + 1)
-        self._gain = np.array((goal.v - start.v).columns())
-        self._way = np.array((goal.p - start.p - start.v.scale(horizon)).columns())
-        self._aimed = np.array([["velocity" in aims], ["position" in aims]], dtype=float)
-        self._radii = np.array([goal_set.velocity, goal_set.position])
-
-    def value(self, costate: np.ndarray) -> float:
-        """Dual value of multipliers (2 * dimension,) of the final velocity and position.
-
-        A lower bound for any multipliers, which is why `ascend` may stop anywhere.
-        """
-        costate = costate.reshape(2, -1) * self._aimed
-        switching = costate[0] @ self._gain + costate[1] @ self._way
-        spared = self._radii @ np.linalg.norm(costate, axis=1)
-        pull = np.linalg.norm(costate[0] + self._left[:, None] * costate[1], axis=1)
-        worth = np.max(pull[:, None] * self._reach.force - self._reach.thrust, axis=1)
-        # convex in time, so the trapezoidal rule is never below the integral
-        used = float(np.sum(worth[1:] + worth[:-1])) * 0.5 * self._horizon / _PARTS
-        return self._mass * float(switching - spared) - used
-
-    def ascend(self) -> float:
-        """The best bound found, s or N s, by Nelder and Mead from thrust ahead and then back; any point bounds."""
-        from scipy.optimize import minimize
-
-        response = self._way if self._aimed[1, 0] else self._gain
-        size = float(np.linalg.norm(response))
-        ahead = response / size if size > 0 else np.eye(len(response))[0]
-        back = 2.0 * ahead / self._horizon * self._aimed[1, 0]
-        first = np.concatenate([ahead - self._horizon * back, back])
-        unit = np.repeat([1.0, 1.0 / self._horizon], len(response))
-        result = minimize(
-            lambda x: -self.value(x * unit),
-            first / unit,
-            method="Nelder-Mead",
-            options={"maxfev": 2000, "fatol": 1e-5, "xatol": 1e-5},
-        )
-        return max(self.value(first), -float(result.fun))

@@ -18,8 +18,9 @@ import numpy as np
 from rans.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.certificate import hull
+from rans.optimal.certificate.cutting_planes import Ascent, Cut
 from rans.optimal.certificate.goal_set import rounded_up
-from rans.optimal.certificate.plane.ascent import Ascent, Cut, ascend, scale, towards_goal
+from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
 from rans.optimal.certificate.plane.dual import Branch, Relaxation
 from rans.optimal.certificate.plane.lattice import Lattice
 from rans.optimal.certificate.plane.onoff import nozzles, replayed_within_cost
@@ -250,7 +251,7 @@ def _node(
     relaxation: Relaxation, parent: Ascent, branch: Branch, level: float, order: int
 ) -> _Node:
     branch = relaxation.shrunk(parent.best.costate, branch, level)
-    cuts = [cut for cut in parent.cuts if relaxation.inside(cut.path, branch)]
+    cuts = [cut for cut in parent.cuts if relaxation.inside(cut.source.path, branch)]
     return _Node(parent.best.value, order, branch, parent.best.costate / scale(relaxation), cuts)
 
 
@@ -266,7 +267,7 @@ def _commands(
     What it returns has been flown by the engine's equations; a path alone is no control.
     """
     for index in np.argsort(-result.weights)[:2]:
-        path = result.cuts[index].path
+        path = result.cuts[index].source.path
         commands = replayed_within_cost(relaxation, path, level)
         turns = relaxation.lattice.patterns.torque[path].tobytes()
         if commands is None and turns not in evaluated:
@@ -285,14 +286,14 @@ def _parts(relaxation: Relaxation, branch: Branch, result: Ascent) -> list[Branc
     """
     # Headings along the paths of the mixture, and where they vary.
     weights = result.weights / max(result.weights.sum(), 1e-300)
-    headings = np.array([relaxation.heading_indices(cut.path) for cut in result.cuts])
+    headings = np.array([relaxation.heading_indices(cut.source.path) for cut in result.cuts])
     mean = weights @ headings
     spread = weights @ (headings - mean) ** 2
     k = int(spread.argmax())
     if spread[k] > 1e-6:
         return [branch.at_most(k, math.floor(mean[k])), branch.above(k, math.floor(mean[k]))]
     # Forces of their patterns, split across the line to the farthest one from the mean.
-    paths = np.array([cut.path for cut in result.cuts])
+    paths = np.array([cut.source.path for cut in result.cuts])
     force = relaxation.lattice.patterns.force
     mean = weights @ force[paths]
     spread = weights @ np.abs(force[paths] - mean) ** 2
