@@ -18,11 +18,9 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.model.timing import Timing
 from rans.policy.any_craft import authority, farthest, for_craft, without
 from rans.policy.authority import Authority, braking_distance, nearer
 from rans.policy.network import Network
-from rans.policy.timing import timing_for
 from tests.support.pose_observations import observations
 
 
@@ -191,28 +189,6 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
     specialist = contestant("pretrained:go-to-pose-2d")
     with pytest.raises(ConfigError, match="any-craft-2d"):
         for_spacecraft(specialist, craft)
-
-
-@pytest.mark.parametrize(("force", "period"), [(1.0, 0.1), (0.4, 0.2)])
-def test_on_off_thrusters_in_space_whose_pulse_turns_far_have_a_short_period(
-    force: float, period: float
-) -> None:
-    """1 N at a lever of 0.16 m turns 0.2 kg m^2 by 0.8 x 0.04 = 0.032 rad in 0.2 s, and 0.4 N by 0.013 rad."""
-    pairs = [(axis, arm, sign) for axis in range(3) for arm in (-1.0, 1.0) for sign in (-1.0, 1.0)]
-    unit = np.eye(3)
-    thrusters = tuple(
-        Thruster(tuple(0.16 * arm * unit[(axis + 1) % 3]), tuple(sign * unit[axis]), force)
-        for axis, arm, sign in pairs
-    )
-    body = replace(
-        load_spacecraft("free-flyer"),
-        inertia=tuple(map(tuple, 0.2 * unit)),
-        centre_of_mass=(0.0, 0.0, 0.0),
-        thrusters=thrusters,
-    )
-    timing = timing_for(body, Timing(0.2, 1, 125))
-    assert timing.control_period == period
-    assert timing.episode_steps * timing.control_period >= 25.0
 
 
 def test_an_agent_flies_its_own_craft_with_slosh_and_no_other() -> None:

@@ -93,25 +93,36 @@ def test_a_craft_of_wrong_units_keeps_the_length_of_its_task_and_is_refused_by_t
         timing_for(craft, Timing())
 
 
-@pytest.mark.parametrize(("farther", "period"), [(0.0, 1.0), (0.4, 0.5)])
-def test_throttles_that_turn_a_craft_in_space_are_commanded_often(
-    farther: float, period: float
+@pytest.mark.parametrize(
+    ("name", "mass", "moment", "arm", "force", "period"),
+    [
+        # Pulses of 1 N turn it by 0.8 x 0.04 = 0.032 rad in 0.2 s, and those of 0.4 N by 0.013 rad.
+        ("free-flyer", 5.32, 0.2, 0.16, 1.0, 0.1),
+        ("free-flyer", 5.32, 0.2, 0.16, 0.4, 0.2),
+        # Throttles turn it by 0.02 and 0.1 rad in 1 s, 0.025 in 0.5.
+        ("astrobee-iss", 50.0, 5.0, 0.1, 1.0, 1.0),
+        ("astrobee-iss", 50.0, 5.0, 0.5, 1.0, 0.5),
+    ],
+)
+def test_thrusters_that_turn_a_craft_far_in_space_are_commanded_often(
+    name: str, mass: float, moment: float, arm: float, force: float, period: float
 ) -> None:
-    """Throttles of 1 N with levers of 0.1 and 0.5 m turn 5 kg m^2 by 0.02 and 0.1 rad in 1 s, 0.025 in 0.5."""
-    arm = 0.1 + farther
+    """Four on levers (m) along every axis, on a ball of so many kg and kg m^2."""
     unit = np.eye(3)
     thrusters = tuple(
-        Thruster(tuple(arm * side * unit[(axis + 1) % 3]), tuple(sign * unit[axis]), 1.0)
+        Thruster(tuple(arm * side * unit[(axis + 1) % 3]), tuple(sign * unit[axis]), force)
         for axis in range(3)
         for side in (-1.0, 1.0)
         for sign in (-1.0, 1.0)
     )
     craft = replace(
-        load_spacecraft("astrobee-iss"),
+        load_spacecraft(name),
         wheels=(),
         thrusters=thrusters,
-        mass=50.0,
-        inertia=tuple(map(tuple, 5.0 * unit)),
+        mass=mass,
+        inertia=tuple(map(tuple, moment * unit)),
         centre_of_mass=(0.0, 0.0, 0.0),
     )
-    assert timing_for(craft, Timing()).control_period == period
+    timing = timing_for(craft, Timing())
+    assert timing.control_period == period
+    assert timing.episode_steps * period >= 25.0

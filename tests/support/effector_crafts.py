@@ -9,8 +9,6 @@ from typing import Any
 import numpy as np
 
 from rans.model.actuators import Propellant, Throttle, Wheel
-from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 
@@ -40,21 +38,6 @@ WHEELED = platform(wheels=(Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),))
 """On/off thrusters and a wheel, in the plane."""
 BURNING = platform(actuators=Throttle(), propellant=Propellant(2.0, 5.0, (0.06, -0.03, 0.0), 0.05))
 """Loses 1 N / (5 s g0) = 20 g a second with each thruster, of a mass of 5.32 kg, off the centre of mass."""
-
-
-def states(craft: Spacecraft, count: int, seed: int = 0, spin: float = 0.7) -> Any:
-    """Random states with half of what effectors can hold at most."""
-    random = np.random.default_rng(seed)
-    stores = tuple(random.uniform(0.5 * s.low, 0.5 * s.high, count) for s in craft.stores)
-    if craft.dimension == 2:
-        p, v = random.normal(size=(2, 2, count))
-        angle = random.uniform(-3, 3, count)
-        w = random.normal(size=count) * spin
-        return PlanarState(Vec2(*p), Heading(angle), Vec2(*v), w, stores=stores)
-    p, v, w = random.normal(size=(3, 3, count))
-    quaternion = random.normal(size=(4, count))
-    quaternion /= np.linalg.norm(quaternion, axis=0)
-    return SpatialState(Vec3(*p), Quat(*quaternion), Vec3(*v), Vec3(*(spin * w)), stores=stores)
 
 
 def commands(craft: Spacecraft, count: int, seed: int = 0) -> np.ndarray:

@@ -123,40 +123,17 @@ def _pairs_with(effect: str, group: tuple[str, ...]) -> list[tuple[str, ...]]:
     return [tuple(sorted((effect, other), key=EFFECTS.index)) for other in group]
 
 
-class InOrbit(GoToPose):
-    """In the Hill frame of an orbit of 209 s, whose terms are as large as the thrust."""
-
-    @property
-    def drift(self) -> Drift:
-        """See `rans.tasks.base.Task`."""
-        return ClohessyWiltshire(0.03)
+def under(drift: Drift) -> Any:
+    """The task go-to-pose where craft drift so."""
+    return type("Drifting", (GoToPose,), {"drift": property(lambda _: drift)})
 
 
-class TurnedByGravity(GoToPose):
-    """On the same orbit, on which gravity turns a craft in half a minute."""
-
-    @property
-    def drift(self) -> Drift:
-        """See `rans.tasks.base.Task`."""
-        return ClohessyWiltshire(0.03, gravity_gradient=True)
-
-
-class FallingInThePlane(GoToPose):
-    """Under gravity."""
-
-    @property
-    def drift(self) -> Drift:
-        """See `rans.tasks.base.Task`."""
-        return UniformGravity((0.01, -0.02))
-
-
-class FallingInSpace(GoToPose):
-    """Under gravity."""
-
-    @property
-    def drift(self) -> Drift:
-        """See `rans.tasks.base.Task`."""
-        return UniformGravity((0.01, -0.02, 0.03))
+InOrbit = under(ClohessyWiltshire(0.03))
+"""In the Hill frame of an orbit of 209 s, whose terms are as large as the thrust."""
+TurnedByGravity = under(ClohessyWiltshire(0.03, gravity_gradient=True))
+"""On the same orbit, on which gravity turns a craft in half a minute."""
+FallingInThePlane = under(UniformGravity((0.01, -0.02)))
+FallingInSpace = under(UniformGravity((0.01, -0.02, 0.03)))
 
 
 def craft_with(
@@ -313,7 +290,7 @@ def flown(
     """Fly a random craft under some effects; without substeps RANS chooses them; force as of `craft_with`."""
     craft = craft_with(effects, dimension, seed, force)
     conditions = conditions_of(effects, force)
-    task_class = GoToPose
+    task_class: Any = GoToPose
     if "orbit" in effects:
         task_class = InOrbit
     if GRADIENT in effects:

@@ -25,7 +25,8 @@ from rans.randomization.conditions import (
 )
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
-from tests.support.effector_crafts import commands, states
+from tests.support.crafts import random_states
+from tests.support.effector_crafts import commands
 from tests.support.effector_flights import scripted
 from tests.support.host_kernels import (
     engine_on_host,  # noqa: F401  (a fixture)
@@ -55,7 +56,7 @@ class Liquid(NamedTuple):
             rod, slip = random.normal(size=(2, 3, count))
             rod /= np.linalg.norm(rod, axis=0)
             stores = np.concatenate((rod, slip - rod * (rod * slip).sum(axis=0)))
-        return replace(states(craft, count), stores=tuple(stores))
+        return replace(random_states(craft.dimension, count, 0), stores=tuple(stores))
 
 
 PLANE = Liquid(
