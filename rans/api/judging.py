@@ -18,7 +18,6 @@ from rans.errors import ConfigError, RansWarning, brief, one_of, whole
 from rans.files import inside, ready_folder
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
-from rans.progress import Progress, Stages
 from rans.randomization.conditions import Conditions
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, Endpoints
@@ -253,20 +252,12 @@ def compare(
     flying = enlisted(entrants, contest, trust, period)
     folder = None if output is None else ready_folder(Path(output))
     cache = None if folder is None else inside(folder, "compare-bounds.json")
-    begun: list[str] = []
 
     opponents = ready_opponents(contest.task, beside)
     asked = beside is not None
     fly = partial(
         result.fly, certified=bounded, cache=cache, workers=workers, returns=full, asked=asked
     )
-
-    def noting(shown: Stages) -> Stages:
-        def begin(name: str, total: int | None, /) -> Progress:
-            begun.append(name)
-            return shown(name, total)
-
-        return begin
 
     def end() -> None:
         with writing_at_end(lambda: show(result) if show is not None else None):
@@ -285,16 +276,16 @@ def compare(
     with writing_at_end(end):
         try:
             with watched() as shown:
-                fly(now, quick, stages=noting(shown))
+                fly(now, quick, stages=shown)
             if slow:
                 result.waiting = [*(["other values"] if later else []), *slow]
                 if show is not None:
                     show(result)
                 result.waiting = ()
                 with watched() as shown:
-                    fly(later, slow, stages=noting(shown))
+                    fly(later, slow, stages=shown)
         except KeyboardInterrupt:
-            result.note_interrupt(begun, bounded, cache is not None)
+            result.note_interrupt(bounded, cache is not None)
             raise
     return result
 

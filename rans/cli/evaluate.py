@@ -102,7 +102,7 @@ class Evaluate(Options):
         if remark := getattr(run.controller, "remark", ""):
             Terminal().say(remark)
         ready_folder(name.output_folder)
-        self._file(run)  # reject a symbolic link before the flights
+        file = self._file(run)
         # Fly, measure, print, write.
         flights = self._fly(run)
         measured = {name: measure(flight) for name, flight in flights.items()}
@@ -125,10 +125,10 @@ class Evaluate(Options):
             solved, run, self.conditions, self.changed("guard", "protocol", "period")
         ):
             Terminal().say(text)
-        written = self._write_files(run, next(iter(flights.values())))
-        file = self._write(run, results, measured, next(iter(flights.values())))
-        page = file.with_suffix(".html")
-        Terminal().say(f"Written to {page}, {file.name}{written}.")
+        flight = next(iter(flights.values()))
+        written = self._write_files(file, flight)
+        self._write(file, run, results, [*measured.values()], flight)
+        Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
         return passed
 
     def _fly(self, run: LoadedRun) -> dict[str, Flight]:
@@ -142,65 +142,61 @@ class Evaluate(Options):
         }
 
     def _write(
-        self, run: LoadedRun, results: dict[str, Any], measured: dict[str, Metrics], flight: Flight
-    ) -> Path:
-        """Write all files."""
+        self,
+        file: Path,
+        run: LoadedRun,
+        results: dict[str, Any],
+        measured: list[Metrics],
+        flight: Flight,
+    ) -> None:
+        """Write the file of the results, and page, flights and figures beside it."""
         from rans.evaluation.fly.evidence import about
         from rans.evaluation.measure.aggregate import save_episodes
         from rans.show.pages.report import evaluation_page
 
-        folder, suffix = self._output(run)
-        file = self._file(run)
+        suffix = _suffix(file)
         if self.engine != "both" and file.exists() and "both" in read_json(file):
             Terminal().say(f"This replaces the comparison of both engines in {file}.")
         made = about(str(self.agent), run.judged, "rans.evaluate")
         write_json(file, results | {"conditions": self._conditions(run), "about": made})
-        save_episodes(flight, folder / f"episodes{suffix}.npz", self.full)
-        page = evaluation_page([*measured.values()], flight, command_line())
-        page.write(inside(folder, f"evaluation{suffix}.html"))
+        save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
+        page = evaluation_page(measured, flight, command_line())
+        page.write(inside(file.parent, f"evaluation{suffix}.html"))
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
 
             with doing("drawing the flights", in_log=False):
-                save_flight_figures(flight, folder, suffix)
-        return file
+                save_flight_figures(flight, file.parent, suffix)
 
-    def _write_files(self, run: LoadedRun, flight: Flight) -> str:
+    def _write_files(self, file: Path, flight: Flight) -> str:
         """Write flights in the forms of installed packages, if asked to; returns where, for a sentence."""
-        if not self.full:
-            return ""
-        folder, suffix = self._output(run)
         written = ""
-        for name in FLIGHT_FILES:
-            to = folder / f"{name}{suffix}"
+        for name in FLIGHT_FILES if self.full else ():
+            to = file.with_name(f"{name}{_suffix(file)}")
             if what := FLIGHT_FILES[name](flight, to):
                 written += f", and {what} to {to}"
         return written
 
-    def _output(self, run: LoadedRun) -> tuple[Path, str]:
-        """Folder of the results, and the suffix of their file names, with every option that changes figures."""
+    def _file(self, run: LoadedRun) -> Path:
+        """File of the results, whose name has every option that changes figures; ConfigError if it is a link."""
         from rans.randomization.conditions import Conditions
         from rans.randomization.conditions_file import conditions_label
 
-        protocol = "" if self.protocol == "own" else self.protocol
         conditions = ""
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
-        guard = "guard" if self.guard else ""
-        endpoints = ""
-        if self.start or self.goal or self.zones:
-            own = self.changed("start", "goal", "zones")
-            endpoints = distinct("own", shlex.join(own))
-        name = self.agent
-        period = "" if self.period is None else f"period{self.period:g}"
-        engine = "drake" if self.engine == "drake" else ""
-        names = filter(None, (name.part, protocol, period, conditions, guard, endpoints, engine))
-        return name.output_folder, "".join(f"-{part}" for part in names)
-
-    def _file(self, run: LoadedRun) -> Path:
-        """File of the results; ConfigError if it is a symbolic link."""
-        folder, suffix = self._output(run)
-        return inside(folder, f"evaluation{suffix}.json")
+        own = self.changed("start", "goal", "zones")
+        names = (
+            self.agent.part,
+            "" if self.protocol == "own" else self.protocol,
+            "" if self.period is None else f"period{self.period:g}",
+            conditions,
+            "guard" if self.guard else "",
+            distinct("own", shlex.join(own)) if own else "",
+            "drake" if self.engine == "drake" else "",
+        )
+        stem = "-".join(filter(None, ("evaluation", *names)))
+        return inside(self.agent.output_folder, f"{stem}.json")
 
     def _named_conditions(self, conditions: Conditions) -> str:
         """Conditions as the user named them, or else what they change."""
@@ -229,3 +225,8 @@ class Evaluate(Options):
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}
+
+
+def _suffix(file: Path) -> str:
+    """What stands behind "evaluation" in the name of a file of results."""
+    return file.stem.removeprefix("evaluation")

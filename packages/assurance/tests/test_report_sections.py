@@ -77,7 +77,11 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
             "title": "mine, LQR: 8 episodes",
             "failures": [],
             "contestants": {"mine": {"episodes": 8}},
-            "conditions": {"perfect": row(0.9, 0.875), "lab": row(0.5, 0.75)},
+            "conditions": {
+                "perfect": row(0.9, 0.875),
+                "lab": row(0.5, 0.75),
+                "latency-0.1": row(0.9, 0.5) | {"size": 0.1, "effect": "latency"},
+            },
             "effects": {
                 "latency": {
                     "unit": "s",

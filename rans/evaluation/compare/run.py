@@ -38,7 +38,7 @@ from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.optimal.trajectory.arrival import check_goal
 from rans.optimal.trajectory.objectives import MinimumTime
-from rans.progress import Stages, unseen_stages
+from rans.progress import Progress, Stages, unseen_stages
 from rans.scenario import each
 from rans.tasks.goal_set import aims
 
@@ -84,6 +84,8 @@ class Comparison(NotebookRepr):
 
     is_partial: bool = False
     """Whether it was interrupted."""
+    stage: str = ""
+    """What is computed at present; empty: nothing yet."""
 
     def __repr__(self) -> str:
         return f"<Comparison of {', '.join(entry.name for entry in self.entries) or 'nobody'}>"
@@ -186,14 +188,14 @@ class Comparison(NotebookRepr):
             slow = len(names)
         return names[:slow], names[slow:]
 
-    def note_interrupt(self, begun: Sequence[str], certified: int, kept: bool) -> None:
-        """Note the progress of an interrupted comparison, whose last stage is the interrupted one.
+    def note_interrupt(self, certified: int, kept: bool) -> None:
+        """Note the progress of an interrupted comparison.
 
         Bounds are counted if they are ``kept`` in a file. Without one the note says that none was computed:
         certification may have been far from its turn.
         """
         self.is_partial = True
-        stage = f' in the stage "{begun[-1]}"' if begun else ""
+        stage = f' in the stage "{self.stage}"' if self.stage else ""
         flown = counted(len(self.entries), "contestant")
         count = len(self.certified_starts() if self.mission is None else self.mission.lower)
         asked = min(certified, self.contest.episodes)
@@ -234,14 +236,19 @@ class Comparison(NotebookRepr):
         """
         if opponents is None:
             opponents = default_opponents(self.contest.task)
+
+        def noted(name: str, total: int | None, /) -> Progress:
+            self.stage = name
+            return stages(name, total)
+
         # Contestants first: what opponents and bounds cost is not lost with an interrupt of theirs.
         for spec, contestant in contestants.items():
             with _noted(self, spec):
-                self.entries.append(_entry(self, contestant, stages, workers))
+                self.entries.append(_entry(self, contestant, noted, workers))
         of_mission = "optimal" in opponents and bounded(self.contest)
         if of_mission and certified:
             # Before the others, which may be slow: an interrupted comparison has this bound.
-            _bound_mission(self, 1, stages)
+            _bound_mission(self, 1, noted)
         for name in dict.fromkeys(name for name in opponents if name != "optimal"):
             try:
                 simple = entrants.simple_controller(name, self.contest)
@@ -250,18 +257,18 @@ class Comparison(NotebookRepr):
                 continue
             with _noted(self, name):
                 if simple.name not in self.names():  # A controller flies once.
-                    self.entries.append(_entry(self, simple, stages, workers))
+                    self.entries.append(_entry(self, simple, noted, workers))
         if of_mission:
             if certified > 1:
-                _bound_mission(self, certified, stages)
+                _bound_mission(self, certified, noted)
             if self.mission is not None:
                 self.notes.append(self.mission.sentence(self.entries))
                 self.failures += self.mission.impossible(self.entries)
         elif "optimal" in opponents and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)
         elif "optimal" in opponents:
-            _find_relaxed(self, stages, workers, returns)
-            _find_certified(self, certified, cache, stages, workers)
+            _find_relaxed(self, noted, workers, returns)
+            _find_certified(self, certified, cache, noted, workers)
             self.failures += self.impossible()
 
     def _ground(self, name: str, reason: str, sentences: list[str]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -30,18 +30,15 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
     shares = [
         (name, *(_percent(row.get(who)) for who in names)) for name, row in named.items() if row
     ]
+    reaches = [
+        (name, effect["unit"], *(_reach(effect, who) for who in names))
+        for name, effect in effects.items()
+    ]
+    part = _part(stress, names)
     tables = [Table(("solved", *names), shares, f"{stress['title']}")]
     if effects:
-        tables.append(
-            Table(
-                ("disturbance", "unit", *names),
-                [
-                    [name, effect["unit"], *(_reach(effect, who) for who in names)]
-                    for name, effect in effects.items()
-                ],
-                f"Size of a disturbance up to which {_part(stress, names)} are solved",
-            )
-        )
+        title = f"Size of a disturbance up to which {part} are solved"
+        tables.append(Table(("disturbance", "unit", *names), reaches, title))
     # Facts are of the first contestant, whose dossier it is.
     facts = [
         Fact(f"solved under {name}", _percent(row[first]), "limits")
@@ -52,7 +49,24 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
         Fact(f"{name}, {effect['unit']}: solved up to", _reach(effect, first), "limits")
         for name, effect in effects.items()
     ]
-    hero, tiles = _result(stress)
+    # The first screen has the worst first, and nothing of a sweep that failed.
+    ranked = sorted(
+        (row for row in shares if first in named[row[0]]),
+        key=lambda row: named[row[0]][first]["held"]["value"],
+    )
+    tiles: list[Tile] = []
+    if not stress["failures"]:
+        tiles += (_tile(f"solved, {name}", cells, names) for name, *cells in ranked)
+    hero = ""
+    if tiles:
+        beside = tiles[0].note.partition("\n")[2]
+        under = "the conditions" if len(ranked) == 1 else "its worst conditions,"
+        hero = f"{first} solves {tiles[0].value} of the episodes under {under} {ranked[0][0]}"
+        hero += f"; beside it {beside}." if beside else "."
+        asks = _part(stress, [first]).replace(" of the episodes", "")
+        for name, unit, *cells in reaches:
+            sizes = [f"{cell} {unit}".rstrip() if cell[-1].isdigit() else cell for cell in cells]
+            tiles.append(_tile(f"{name}, {asks} solved up to", sizes, names))
     sizes = [
         (
             row["effect"],
@@ -163,42 +177,8 @@ def _charts(flown: Mapping[str, Any], effects: Mapping[str, Any]) -> Iterator[Ch
         yield Chart(label, "solved, %", series, caption, y_range=(-3.0, 103.0))
 
 
-def _result(stress: Mapping[str, Any]) -> tuple[str, list[Tile]]:
-    """The result of a stress test in a sentence, and tiles, the worst first; neither where nobody has flown."""
-    shares = {
-        name: {who: result["held"] for who, result in row["contestants"].items()}
-        for name, row in _levels(stress).items()
-        if row["size"] is None
-    }
-    who = next((name for row in shares.values() for name in row), None)
-    ranked = sorted((row[who]["value"], name) for name, row in shares.items() if who in row)
-    if who is None or not ranked or stress["failures"]:
-        return "", []
-
-    def others(row: Mapping[str, Any], form: Callable[[Any], str]) -> str:
-        return ", ".join(f"{name} {form(x)}" for name, x in row.items() if name != who)
-
-    def share(solved: Mapping[str, float]) -> str:
-        return "{value:.1%}".format(**solved)
-
-    tiles = []
-    for _, name in ranked:
-        own = shares[name][who]
-        limits = "{low:.1%} to {high:.1%}".format(**own)
-        note = "\n".join(filter(None, (limits, others(shares[name], share))))
-        tiles.append(Tile(f"solved, {name}", share(own), note))
-    for name, effect in stress.get("effects", {}).items():
-        reaches = {one: _reach(effect, one) for one in effect["holds_to"]}
-        limits = {
-            one: f"{reach} {effect['unit']}".rstrip() if reach[-1].isdigit() else reach
-            for one, reach in reaches.items()
-        }
-        if who in limits:
-            part = _part(stress, [who]).replace(" of the episodes", "")
-            label = f"{name}, {part} solved up to"
-            tiles.append(Tile(label, limits[who], others(limits, str)))
-    worst = ranked[0][1]
-    under = f"under {'the conditions' if len(ranked) == 1 else 'its worst conditions,'} {worst}"
-    beside = others(shares[worst], share)
-    hero = f"{who} solves {share(shares[worst][who])} of the episodes {under}"
-    return f"{hero}{f'; beside it {beside}' if beside else ''}.", tiles
+def _tile(label: str, cells: list[str], names: list[str]) -> Tile:
+    """Tile of the first contestant's cell of a table: its value, its interval below, and what the others have."""
+    (value, limits), *others = (cell.removesuffix(")").partition(" (")[::2] for cell in cells)
+    beside = ", ".join(f"{who} {x}" for who, (x, _) in zip(names[1:], others, strict=True))
+    return Tile(label, value, "\n".join(filter(None, (limits, beside))))
