@@ -334,20 +334,6 @@ def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str],
         assert agent.act(GOOD).any()
 
 
-@pytest.mark.slow
-def test_a_memory_that_is_not_finite_decides_nothing(folder: Callable[[str], Path]) -> None:
-    """The command is that of the first period of an episode, and the memory is what that period leaves."""
-    names = exported(folder("go-to-pose-2d-faults"))
-    agent = names["Agent"]()
-    first = agent.act(GOOD)
-    after = agent.memory.copy()
-    for broken in (np.inf, np.nan):
-        agent.memory[0, 3:] = broken
-        np.testing.assert_array_equal(agent.act(GOOD), first)
-        assert "the memory was not finite and is forgotten" in agent.note
-        np.testing.assert_array_equal(agent.memory, after)
-
-
 @pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-2d-faults"])
 def test_an_answer_that_is_not_finite_shuts_the_valves(
     folder: Callable[[str], Path], name: str

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import replace
@@ -16,7 +15,6 @@ import numpy as np
 import pytest
 import torch
 
-from rans.cli import main
 from rans.deploy.contract import contract, golden
 from rans.deploy.export import Form, write_agent
 from rans.errors import ConfigError
@@ -30,7 +28,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 from tests.support.exports import (
-    FAST,
     asked,
     exported,
     own_answers,
@@ -339,16 +336,6 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
         ("command", ["N", 8]),
         ("memory_out", ["N", memory]),
     ]
-
-
-@pytest.mark.slow
-def test_without_its_package(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setitem(sys.modules, "onnx", None)
-    assert main([*FAST, "onnx", "--output", str(tmp_path / "out")]) == 2
-    assert "[onnx]" in " ".join(capsys.readouterr().err.split())
-    assert not (tmp_path / "out").exists()
 
 
 def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -194,14 +194,6 @@ def test_the_numbers_of_plugins_are_the_order_of_commands(tmp_path: Path) -> Non
     assert [nozzle.name for nozzle in found.nozzles] == ["jet_1", "jet_0"]
 
 
-@pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")
-def test_a_file_in_millimetres_is_warned_of(tmp_path: Path) -> None:
-    file = tmp_path / "mm.urdf"
-    file.write_text(jets("120 0 200 0 0 0", "-120 0 200 0 0 0"))
-    with pytest.warns(rans.RansWarning, match=r"a thruster is \d+ m .*positions in mm or cm"):
-        rans.init_spacecraft("mine", base=file, dimension=3)
-
-
 def test_the_hint_for_a_file_of_mujoco_is_no_command_that_refuses_it(tmp_path: Path) -> None:
     file = tmp_path / "m.xml"
     file.write_text("<mujoco/>")

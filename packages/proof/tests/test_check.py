@@ -156,7 +156,7 @@ def test_a_certificate_of_another_problem_is_refused(
 def test_a_flight_that_refutes_is_flown_again(
     certificate: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """A limit that the fastest starts break at once; another start, network or flight is refused."""
+    """A limit that the fastest starts break at once; what is refused instead is in soundness.py."""
     pytest.importorskip("flint")
     network = certificate[0]
     problem = tmp_path / "false.toml"
@@ -170,13 +170,6 @@ def test_a_flight_that_refutes_is_flown_again(
     assert -verdict(file.read_bytes(), network.read_bytes()) >= broken - 1e-9 > -1e-9
     assert main(f"prove {network} --check {file}".split()) == 0
     assert "breaks the property" in capsys.readouterr().out
-    from rans_proof.balls import Refused
-
-    for old, new in (("base = -0.1", "base = 0.2"), ("0.08 * u1", "0.09 * u1")):
-        assert old in table["problem"]
-        forged = {**table, "problem": table["problem"].replace(old, new)}
-        with pytest.raises(Refused, match="flight"):
-            verdict(json.dumps(forged).encode(), network.read_bytes())
 
 
 @pytest.mark.parametrize(("off", "is_accepted"), [(0.0, True), (2e-4, True), (2e-2, False)])

@@ -70,6 +70,7 @@ READ = [
     ("steps = 40", "steps = 40\nbegins = 39"),
     ("steps = 40", 'steps = 40\ninputs = ["x1 - 3", "2", "x0 / 4 + x1"]'),
     ("[end]\n", "[end]\nearliest = 3\n"),
+    ("0.1 * u0", " + ".join(2 * [f"({' + '.join(30 * ['u0'])})"])),  # no deeper than its brackets
 ]
 """Changes of the problem that leave one; what is refused is in refused.txt."""
 

@@ -111,33 +111,3 @@ def test_what_is_no_number_in_flight_is_never_proved(
     # Neither is without meaning: networks that give no number, and networks that both accept.
     assert counts[0, 0] > 4
     assert counts[1, 1] > 4
-
-
-@pytest.mark.parametrize("exponent", [30, 34, 37])
-@pytest.mark.parametrize(
-    "form",
-    [
-        "y = MatMul(x, W)",
-        "m = MatMul(x, V); y = Mul(m, c)",
-        "m = Div(x, d); y = MatMul(m, V)",
-        "y = Gemm(x, V, b, alpha={large})",
-        "m = Gemm(x, V); t = Relu(m); y = Mul(t, c)",
-    ],
-)
-def test_a_large_factor_counts_with_the_largest_state(
-    form: str, exponent: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """x1 of 2e5 times 1e30 is a number of single precision, and times 1e34 none."""
-    for module in (network, network_reader):
-        monkeypatch.setattr(module, "_compare", lambda *_: None)
-    large = 10.0**exponent
-    ones = np.ones((2, 1))
-    tables: dict[str, Any] = {"b": np.zeros(1), "c": np.array([large])}
-    tables |= {"W": np.array([[1.0], [large]]), "d": np.array([1.0, 1.0 / large])}
-    content = graph(form.format(large=large), V=ones, **tables)
-    finite = is_finite(content, np.float32)
-    assert finite == (exponent == 30)
-    assert (is_proved(content), is_accepted(content)) == (finite, finite)
-    # So does a factor that is outside of the network.
-    text = 'inputs = ["x0", "1e4 * x1"]' + PROBLEM
-    assert (is_proved(content, text), is_accepted(content, text)) == (False, False)
