@@ -189,25 +189,6 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
     assert again.equal == again.decisions
 
 
-@pytest.mark.parametrize(
-    ("changes", "sentence"),
-    [
-        ({"zones": ()}, "9 numbers"),
-        ({"zones": (*ZONES[:8], 0.0)}, "above 0"),
-    ],
-)
-def test_zones_that_are_missing(changes: dict[str, Any], sentence: str, avoider: Path) -> None:
-    with pytest.raises(ConfigError, match=sentence):
-        MessagePilot(avoiding(avoider, **changes), Avoid())
-
-
-def test_what_no_filter_keeps_is_refused(agent: Path) -> None:
-    with pytest.raises(ConfigError, match="has none"):
-        MessagePilot(plan(agent, guard=True), GoToPose())
-    with pytest.raises(ConfigError, match="no keep-out zones"):
-        MessagePilot(plan(agent, zones=ZONES), GoToPose())
-
-
 # Flights, bags and buses
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rans_robot.commands.identify import Identify
 from rans_robot.identify.log import FlightLog, read_csv
 from rans_robot.identify.result import Identification
 
@@ -187,14 +186,6 @@ def test_what_flights_of_the_craft_leave_is_noise(found: Identification) -> None
     )
     rans.identify(replace(log, velocity=np.tile([0.05, 0.0], (60, 1))), PLATFORM)
     assert all(channel.is_explained for channel in found.channels())
-
-
-def test_what_is_checked_next_is_what_was_written() -> None:
-    flown = Identify((Path("a.csv"),), spacecraft="floating-platform", output=Path("mine"))
-    assert flown.following() == ("rans validate mine/spacecraft.toml --quick",)
-    assert Identify((), excite="atmos").following() == (
-        "rans validate excitation/spacecraft.toml --quick",
-    )
 
 
 @pytest.mark.slow
