@@ -155,7 +155,7 @@ class Evaluate(Options):
         from rans.show.pages.report import evaluation_page
 
         suffix = _suffix(file)
-        if self.engine != "both" and file.exists() and "both" in read_json(file):
+        if self.engine != "both" and _is_of_both(file):
             Terminal().say(f"This replaces the comparison of both engines in {file}.")
         made = about(str(self.agent), run.judged, "rans.evaluate")
         write_json(file, results | {"conditions": self._conditions(run), "about": made})
@@ -230,3 +230,11 @@ class Evaluate(Options):
 def _suffix(file: Path) -> str:
     """What stands behind "evaluation" in the name of a file of results."""
     return file.stem.removeprefix("evaluation")
+
+
+def _is_of_both(file: Path) -> bool:
+    """Whether a file of results compares both engines; one that is damaged is replaced like any other."""
+    try:
+        return "both" in read_json(file)
+    except (ConfigError, TypeError):
+        return False

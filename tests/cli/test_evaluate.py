@@ -27,6 +27,7 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> None:
     """Drake's evaluation leaves what the first one wrote, which replaces one of both engines and says so."""
     (run_folder / "evaluation.json").write_text('{"both": {}}')
+    (run_folder / "evaluation-drake.json").write_text("damaged")
     for engine, stem in (("fast", "evaluation"), ("drake", "evaluation-drake")):
         assert main(f"evaluate {run_folder} --episodes 6 --engine {engine}".split()) == 0
         text = capsys.readouterr().out.replace("\n", "")

@@ -88,18 +88,6 @@ def planned(place: tuple[float, ...], progress: float, **options: float) -> tupl
     return float(moved[0]), float(target[0]), command[0]
 
 
-def test_the_farthest_point_within_the_distance() -> None:
-    """The chord of 0.25 m from a point of the circle spans 2 asin(0.125 / 1.5), in the second lap too."""
-    span = 2.0 * math.asin(0.125 / 1.5)
-    for angle in (0.5 * math.pi, math.tau + 0.2):
-        place = (1.5 * math.cos(angle), 1.5 * math.sin(angle))
-        progress, target, command = planned(place, angle - 0.1)
-        assert progress == pytest.approx(angle)
-        assert target == pytest.approx(angle + span)
-        along = angle + 0.5 * math.pi + 0.5 * span
-        assert command == pytest.approx([0.25 * math.cos(along), 0.25 * math.sin(along)])
-
-
 def test_the_closest_point_if_none_is_within_the_distance() -> None:
     progress, target, command = planned((2.0, 0.0, 1.0), 0.0, speed=0.5)
     assert (progress, target) == (0.0, 0.0)

@@ -254,14 +254,12 @@ def enlist(
     if isinstance(run.controller, FlightsFile):
         run.controller.check_starts(contest.episodes)
         return Contestant(run.controller.name, run.controller, _NOTHING, _UNKNOWN)
-    if name := named.controller:
-        effort = _budget(name, contest)
-        return Contestant(
-            run.controller.name, run.controller, _MODEL, effort, registered=named.controller
-        )
+    effort = _budget(named.controller, contest) if named.controller else _tuning(named)
     # An agent for any craft is given mass, inertia and thrusters of the craft that it flies.
-    sees = _MODEL if named.is_for_a_craft else _OBSERVATION
-    return Contestant(run.controller.name, run.controller, sees, _tuning(named))
+    is_given_all = named.controller or named.is_for_a_craft
+    sees = _MODEL if is_given_all else _OBSERVATION
+    name = run.controller.name
+    return Contestant(name, run.controller, sees, effort, registered=named.controller)
 
 
 def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
