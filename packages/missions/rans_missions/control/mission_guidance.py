@@ -180,6 +180,10 @@ class MissionGuidance(ModelBased):
             goal: goal with the times in its notes.
         """
         change = self._mission.recommended(state, goal, self._mission.arrival(goal)) - state.v
+        return self._commands(state, change)
+
+    def _commands(self, state: Any, change: Any) -> tuple[Field, ...]:
+        """Commands that give a change of velocity in W, m/s, as far as a period can."""
         along = state.attitude.to(self._identity).rotate(change).columns()
         commands = []
         for lever in self._levers.tolist():
@@ -219,11 +223,8 @@ class MissionGuidance(ModelBased):
         change = self._mission.recommended(state, goal, left) - state.v
         burns = change.norm() > small
         change = map_leaves(lambda x: np.where(burns, x, 0.0), change)
-        in_body = state.attitude.to(self._identity).rotate(change)
         shape = np.shape(state.p.x)
-        command = np.clip(components(in_body, shape) @ self._levers.T, 0.0, 1.0)
-        if self._counts is not None:
-            command = np.floor(command * self._counts) / self._counts
+        command = np.stack(self._commands(state, change), axis=-1)
         acceleration = None
         if self._filter is not None:
             acceleration = type(state.p)(*self._filter.acceleration().T)

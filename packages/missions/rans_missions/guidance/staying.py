@@ -7,7 +7,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from rans.extend import ClohessyWiltshire, Drift, at_least, map_leaves, where, within
+from rans.extend import ClohessyWiltshire, Drift, Field, at_least, map_leaves, where, within
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.orbits.perturbed import PerturbedOrbit
 from rans_missions.orbits.reach import velocity_to_reach
@@ -35,8 +35,9 @@ def staying_velocity(
     state: Any,
     goal: Any,
     period: float,
-    position_tolerance: float,
+    position_tolerance: Field,
     velocity_tolerance: float,
+    acceleration: Any = None,
 ) -> Any:
     """Velocity in W, m/s, with which a craft that has arrived stays at a goal where nothing pulls it away.
 
@@ -46,16 +47,40 @@ def staying_velocity(
     a circular orbit with a velocity from which the craft circles around the goal and does not drift away,
     elsewhere at a low speed.
 
+    On a circular orbit an acceleration a moves the equilibrium of Clohessy and Wiltshire (1960): radially by
+    -a_x / (3 n^2), and across the orbit by a_z / n^2. The craft stays there, at most at half of the position
+    tolerance along each axis, and within the tolerance that is left. Thrust balances what is left of the
+    acceleration. Along the orbit, where no point is an equilibrium, that is all of it: no flight that stays needs
+    less in the mean.
+
     Args:
-        drift: motion of a free point.
+        drift: motion of a free point without the acceleration.
         state: state, with a position and a velocity in W.
         goal: goal, with a position and a velocity in W.
         period: control period, s.
         position_tolerance: distance within which it stays, m.
         velocity_tolerance: speed within which it stays, m/s.
+        acceleration: constant acceleration in W, m/s^2; None: none.
     """
+    is_circular = isinstance(drift, ClohessyWiltshire | PerturbedOrbit)
+    if acceleration is not None:
+        # The acceleration moves the point of balance; thrust takes the rest.
+        away = goal.p.scale(0.0)
+        if is_circular:
+            a_x, a_y, *aside = acceleration.columns()
+            radial, across = -3.0 * drift.mean_motion**2, drift.mean_motion**2
+            most = position_tolerance * _AWAY_PART
+            x = within(a_x * (1.0 / radial), -most, most)
+            side = [within(a_z * (1.0 / across), -most, most) for a_z in aside]
+            away = type(goal.p)(x, 0.0 * x, *side)
+            rest = (a_z - across * z for a_z, z in zip(aside, side, strict=True))
+            acceleration = type(goal.p)(a_x - radial * x, a_y, *rest)
+        moved = replace(state, p=state.p - away)
+        left = position_tolerance - away.norm()
+        velocity = staying_velocity(drift, moved, goal, period, left, velocity_tolerance)
+        return velocity - acceleration.scale(period)
     time = position_tolerance * (_RETURN_TIME / velocity_tolerance)
-    if isinstance(drift, ClohessyWiltshire | EllipticOrbit | PerturbedOrbit):
+    if is_circular or isinstance(drift, EllipticOrbit):
         time = within(time, 0.0, _RETURN_ANGLE / drift.mean_motion)
     time = at_least(time, _RETURN_PERIODS * period)
     distance, speed = (goal.p - state.p).norm(), (goal.v - state.v).norm()
@@ -69,60 +94,11 @@ def staying_velocity(
         slow = (goal.v - v).norm() < velocity_tolerance * _COASTING_PART
         coasts = coasts & near & slow
     back = velocity_to_reach(drift, state.p, goal.p, time + distance * 0.0)
-    if isinstance(drift, ClohessyWiltshire | PerturbedOrbit):
+    if is_circular:
         returned = distance < position_tolerance * _STOP_DISTANCE
         around = goal.v + circling(drift.mean_motion, state.p - goal.p)
         back = map_leaves(partial(where, returned), around, back)
     return map_leaves(partial(where, coasts), state.v, back)
-
-
-def balancing_velocity(
-    drift: Drift,
-    state: Any,
-    goal: Any,
-    period: float,
-    position_tolerance: float,
-    velocity_tolerance: float,
-    acceleration: Any,
-) -> Any:
-    """Velocity in W, m/s, with which a craft that has arrived stays at a goal in a constant acceleration.
-
-    On a circular orbit an acceleration a moves the equilibrium of Clohessy and Wiltshire (1960): radially by
-    -a_x / (3 n^2), and across the orbit by a_z / n^2. The craft stays there as by `staying_velocity`, at most at
-    half of the position tolerance along each axis, and within the tolerance that is left. Thrust balances what is
-    left of the acceleration. Along the orbit, where no point is an equilibrium, that is all of it: no flight that
-    stays needs less in the mean.
-
-    Args:
-        drift: motion of a free point without the acceleration.
-        state: state, with a position and a velocity in W.
-        goal: goal, with a position and a velocity in W.
-        period: control period, s.
-        position_tolerance: distance within which it stays, m.
-        velocity_tolerance: speed within which it stays, m/s.
-        acceleration: constant acceleration in W, m/s^2.
-    """
-    # The acceleration moves the point of balance; thrust takes the rest.
-    away = goal.p.scale(0.0)
-    balanced = acceleration
-    if isinstance(drift, ClohessyWiltshire | PerturbedOrbit):
-        a_x, a_y, *aside = acceleration.columns()
-        radial, across = -3.0 * drift.mean_motion**2, drift.mean_motion**2
-        most = position_tolerance * _AWAY_PART
-        x = within(a_x * (1.0 / radial), -most, most)
-        side = [within(a_z * (1.0 / across), -most, most) for a_z in aside]
-        away = type(goal.p)(x, 0.0 * x, *side)
-        rest = (a_z - across * z for a_z, z in zip(aside, side, strict=True))
-        balanced = type(goal.p)(a_x - radial * x, a_y, *rest)
-    velocity = staying_velocity(
-        drift,
-        replace(state, p=state.p - away),
-        goal,
-        period,
-        position_tolerance - away.norm(),
-        velocity_tolerance,
-    )
-    return velocity - balanced.scale(period)
 
 
 def circling(mean_motion: float, p: Any) -> Any:

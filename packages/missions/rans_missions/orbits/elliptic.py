@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.extend import ConfigError, Field, Quat, Vec2, Vec3, floor, is_finite, sqrt
+from rans.extend import Field, Quat, Vec2, Vec3, floor, sqrt
 from rans.model.drift import AnyVector, arctangent, cosine, sine
 from rans_missions.orbits.uneven import UnevenOrbit
 
@@ -35,8 +35,7 @@ class EllipticOrbit(UnevenOrbit):
     >>> orbit.later(1000.0).mean_anomaly
     1.027
 
-    Raises:
-        ConfigError: the mean motion is not a finite number > 0, or the eccentricity is not from 0 to 0.9.
+    `rans_missions.tasks.orbital.TargetOrbit` checks its numbers.
     """
 
     mean_motion: float
@@ -48,17 +47,6 @@ class EllipticOrbit(UnevenOrbit):
     gravity_gradient: bool = False
     """Whether the gradient of gravity turns craft in space."""
     name: ClassVar[str] = "elliptic-orbit"
-
-    def __post_init__(self) -> None:
-        if not is_finite(self.mean_motion) or self.mean_motion <= 0:
-            raise ConfigError(
-                "the mean motion of an elliptic orbit must be a finite number > 0 rad/s, got "
-                f"{self.mean_motion!r}."
-            )
-        if not is_finite(self.eccentricity) or not 0.0 <= self.eccentricity <= MOST_ECCENTRIC:
-            raise ConfigError(
-                f"the eccentricity of an orbit must be from 0 to {MOST_ECCENTRIC}, got {self.eccentricity!r}."
-            )
 
     @property
     def angle(self) -> Field:

@@ -177,17 +177,7 @@ class Slosh(Effector):
         below = f"a number from {SMALLEST:g} kg to less than the craft's mass, {craft.mass:g} kg"
         possible = _is_positive(self.mass) and self.mass <= craft.mass * MOST
         require(possible, "mass", self.mass, below)
-        # What the mass at rest adds to the inertia about the centre of mass of both.
-        away = math.dist(self.point(), craft.centre_of_mass)
-        adds = self.mass * away**2 / (1.0 - self.mass / craft.mass)
-        moment = craft.least_spread
-        require(
-            adds <= moment * MOST,
-            "mass",
-            self.mass,
-            f"so small that the craft without it has an inertia above 0: at rest it is {away:.4g} m from the "
-            f"centre of mass and adds {adds:.4g} kg m^2 of the craft's {moment:.4g} kg m^2, which includes it",
-        )
+        self.check_body(craft, Body.of(craft))
 
     def check_body(self, craft: Spacecraft, body: Body) -> None:
         """See `rans_missions.slosh.checks.check_body`."""

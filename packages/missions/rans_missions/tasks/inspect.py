@@ -219,9 +219,11 @@ class Inspect(SingleTask):
         light = math.cos(math.radians(self.light_degrees))
         visible = []
         for normal in self.normals:
-            along = _dot(p, normal)
+            along = p.dot(Vec3(*normal))
             distance_along = sqrt(at_least(square - along * (2.0 * radius), 0.0))
-            visible.append((along - radius > distance_along * view) & (_dot(sun, normal) > light))
+            visible.append(
+                (along - radius > distance_along * view) & (sun.dot(Vec3(*normal)) > light)
+            )
         return visible
 
     def sun(self, goal: State) -> Vec3:
@@ -315,7 +317,7 @@ class Inspect(SingleTask):
         sums = [[zero, zero, zero], [zero, zero, zero]]
         for normal, is_inspected in zip(self.normals, inspected, strict=True):
             weight_of_point = where(is_inspected, zero, zero + 1.0 / self.points)
-            lit = where(_dot(sun, normal) > light, weight_of_point, zero)
+            lit = where(sun.dot(Vec3(*normal)) > light, weight_of_point, zero)
             for total, weight in zip(sums, (weight_of_point, lit), strict=True):
                 for axis in range(3):
                     total[axis] = total[axis] + weight * normal[axis]
@@ -335,7 +337,3 @@ class Inspect(SingleTask):
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft is too far away."""
         return (state.p - goal.p).norm() > self.fail_distance
-
-
-def _dot(v: Vector, numbers: tuple[float, ...]) -> Field:
-    return reduce(add, (x * number for x, number in zip(v.columns(), numbers, strict=True)))

@@ -39,7 +39,7 @@ from rans.tasks.observation_terms import AdvisedVelocityChange
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
-from rans_missions.guidance.staying import balancing_velocity, staying_velocity
+from rans_missions.guidance.staying import staying_velocity
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS
 from rans_missions.orbits.elliptic import MOST_ECCENTRIC, EllipticOrbit, mean_anomaly
 from rans_missions.orbits.perturbed import PerturbedOrbit
@@ -479,9 +479,7 @@ class OrbitalMission(SingleTask):
             dragged = type(state.p)(zero, zero - drift.drag, *(zero for _ in state.p.columns()[2:]))
             acceleration = dragged if acceleration is None else acceleration + dragged
             drift = replace(drift, drag=0.0)
-        if acceleration is None:
-            return staying_velocity(drift, state, goal, period, *tolerances)
-        return balancing_velocity(drift, state, goal, period, *tolerances, acceleration)
+        return staying_velocity(drift, state, goal, period, *tolerances, acceleration)
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the goal, velocities to gain and of arrival, miss distance, times left, limits' entries.

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.guidance.staying import balancing_velocity, circling, staying_velocity
+from rans_missions.guidance.staying import circling, staying_velocity
 from rans_missions.orbits.perturbed import PerturbedOrbit
 
 from rans.model.drift import ClohessyWiltshire
@@ -88,9 +88,7 @@ def test_what_balances_a_force_is_its_mean_along_the_orbit(push: float) -> None:
     orbit = round(2.0 * np.pi / n / PERIOD)
     spent = []
     for _ in range(4 * orbit):
-        new = balancing_velocity(
-            DRIFT, Moving(p, v), goal, PERIOD, POSITION, VELOCITY, acceleration
-        )
+        new = staying_velocity(DRIFT, Moving(p, v), goal, PERIOD, POSITION, VELOCITY, acceleration)
         change = new - v
         spent.append([float(abs(x)[0]) for x in change.columns()])
         # A burn in the middle of the period: in the mean as thrust all through it.

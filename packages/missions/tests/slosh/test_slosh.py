@@ -50,7 +50,7 @@ def test_a_validation_compares_moments_and_periods_with_the_mass_that_moves(
     ("changes", "sentence"),
     [
         ({"mass": 5.32}, "slosh mass must be a number .* to less than the craft's mass, 5.32 kg"),
-        ({"hinge": (0.5, 0.0, 0.0)}, "adds .* of the craft's 0.2045 kg m"),
+        ({"hinge": (0.5, 0.0, 0.0)}, "at rest that adds .* of 0.2045 kg m"),
         ({"length": 0.0}, "slosh length must be"),
         ({"direction": (1.0, 1.0, 0.0)}, "slosh direction must be a unit vector"),
         ({"hinge": (0.0, 0.0, 0.1)}, "in the plane of the centre of mass"),
@@ -100,12 +100,6 @@ def test_bodies_for_which_friction_is_too_fast_are_refused(is_alone: bool) -> No
     conditions = conditions if is_alone else replace(Conditions(), others=(conditions,))
     with pytest.raises(ConfigError, match=r"stop the rod of .*narrow the ranges"):
         rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
-
-
-def test_a_mass_that_leaves_no_rigid_craft_in_space_is_refused() -> None:
-    far = replace(IN_SPACE_SLOSH, hinge=(0.3, 0.0, 0.0))
-    with pytest.raises(ConfigError, match=r"slosh mass must be .* adds"):
-        replace(IN_SPACE, further_effectors=(far,))
 
 
 @pytest.mark.parametrize(
