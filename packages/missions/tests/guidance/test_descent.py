@@ -6,14 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import strategies as st
 from rans_missions.guidance.descent import DescentLaw
 
 from rans.model.fields import Vec3
 
 G = 3.7114
 """Gravity of Mars, m/s^2."""
-PLACES = st.floats(-2000.0, 2000.0)
 
 
 @pytest.mark.slow

@@ -13,8 +13,7 @@ from rans_missions.orbits.earth import EARTH
 from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly, mean_anomaly
 from scipy.integrate import solve_ivp
 
-from rans.model.drift import ClohessyWiltshire
-from rans.model.fields import Vec2, Vec3, leaves
+from rans.model.fields import Vec2, Vec3
 
 N = 0.001027
 """rad/s, a low orbit."""
@@ -73,16 +72,6 @@ def test_coasts_obey_the_equations_of_tschauner_and_hempel(
     assert (np.abs([*p.columns(), *v.columns()] - expected) < 1e-9 * scale).all()
     flat, speed = drift.carry(Vec2(*map(float, start[:2])), Vec2(*map(float, start[3:5])), time)
     assert (*flat.columns(), *speed.columns()) == (p.x, p.y, v.x, v.y)
-
-
-def test_a_circle_is_clohessy_and_wiltshires() -> None:
-    p, v = Vec3(50.0, -100.0, 20.0), Vec3(0.05, 0.1, -0.02)
-    for time in (0.5, 2000.0, 20_000.0):
-        np.testing.assert_allclose(
-            leaves(EllipticOrbit(N, 0.0, 1.0).carry(p, v, time)),
-            leaves(ClohessyWiltshire(N).carry(p, v, time)),
-            rtol=1e-11,
-        )
 
 
 @example(e=0.9, m=-0.1256)  # where a step less leaves 2e-10

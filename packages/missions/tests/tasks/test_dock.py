@@ -73,17 +73,6 @@ def test_the_velocity_to_reach_a_point_reaches_it(time: float) -> None:
     np.testing.assert_allclose(leaves(flat), leaves(v)[:2], rtol=1e-9)
 
 
-def test_across_the_orbit_the_velocity_to_gain_is_worked_out_by_hand() -> None:
-    """z(t) = z0 cos(n t) + v / n sin(n t): in a sixth of an orbit v = -z0 n / tan(60 degrees)."""
-    task = Dock()
-    time = math.pi / 3 / N
-    goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(time))
-    gain = task.velocity_to_gain(at((0.0, 0.0, 100.0), (0.0, 0.0, 0.01)), goal, time)
-    assert gain.z[0] == pytest.approx(-100.0 * N / math.sqrt(3.0) - 0.01, rel=1e-12)
-    # A craft at rest behind the target on its orbit stays there.
-    assert flown(task, at((0.0, -120.0, 0.0), (0.0,) * 3), 900.0).episode.state.p.y[0] == -120.0
-
-
 def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_does() -> None:
     task = Dock(gain_weight=1.2, impulse_weight=0.1)
     here = at((0.0, -120.0, 30.0), (0.0,) * 3)
