@@ -167,6 +167,11 @@ class Task(Settings, ABC):
     programming. Others are solved by packages (`rans.evaluation.problems.PROBLEMS`)."""
 
     @property
+    def rows(self) -> int:
+        """Rows of a batch that belong together and are flown together, such as the deputies of a team."""
+        return 1
+
+    @property
     def draws_trade_off(self) -> bool:
         """Whether every episode draws a trade-off, which policies observe; see `rans.GoToPosePriced`."""
         return False

@@ -110,10 +110,11 @@ def _check_notes(task: Task, goal: State) -> None:
 
 
 def example_state(task: Task, dimension: Dimension) -> tuple[State, State]:
-    """Start and goal of one episode, as arrays of one number."""
-    start, goal = task.sample(Random(dimension, 0, 0, np.zeros(1, dtype=np.int32), np.float64))
+    """Start and goal of one episode, as arrays of one number, or of one for each row of a team."""
+    first = np.zeros(task.rows, dtype=np.int32)
+    start, goal = task.sample(Random(dimension, 0, 0, first, np.float64))
     # Enough stores for any craft, because the observation of a task is determined without a craft.
-    return (start if start.stores else replace(start, stores=(np.ones(1),) * 16)), goal
+    return (start if start.stores else replace(start, stores=(np.ones(task.rows),) * 16)), goal
 
 
 def _with_numbers(task: Task) -> Task:

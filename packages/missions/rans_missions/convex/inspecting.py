@@ -20,6 +20,7 @@ import numpy as np
 from scipy.optimize import linprog
 
 from rans.extend import Timing, Vec3
+from rans_missions.convex.inspection import sunlit
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.vectors import components
 
@@ -45,6 +46,8 @@ _CUTS = 12
 """Times at which a program is solved again with the constraints that its flight breaks, at most."""
 _NEVER = -1e6
 """Height above a horizon, m, while the sun does not light the point."""
+_EASING = 1.0
+"""Price of a metre by which constraints are eased that cannot all be kept, m/s: far more than one is worth."""
 _MATTERS = 1e-7
 """Multiplier of a constraint, N s / m for a craft of 1 kg, beyond which it raises the price."""
 _KICK = 0.03
@@ -82,7 +85,8 @@ class _Found:
 class InspectionSearch:
     """Search for the cheapest flight of one craft, or of D craft together, that inspects enough.
 
-    A point that any craft sees counts. A burn of a control period acts as an impulse in its middle.
+    A point that any craft sees counts. Where no flight keeps all constraints of a program, it eases all alike at a
+    price, and the next one begins from what it finds.
 
     Args:
         task: the inspection, whose points are seen from above their horizon.
@@ -136,12 +140,13 @@ class InspectionSearch:
         """
         times = step * np.arange(1, int(self._within / step + 1e-9) + 1)
         p, v = (Vec3(*x.T[:, :, None]) for x in (self._starts[:, :3], self._starts[:, 3:]))
-        since = np.maximum(times[:, None] - (slots + 0.5) * self._period, 0.0)
+        since = np.maximum(times[:, None] - slots * self._period, 0.0)
+        # During a burn as far as a constant thrust carries it until then, afterwards as an impulse in its middle.
+        period = self._period
+        since = np.where(since < period, since**2 / (2.0 * period), since - 0.5 * period)
         axes = [self._task.drift.kicked(Vec3(*row), since)[0] for row in np.eye(3)]
         effect = np.stack([components(axis, since.shape) for axis in axes], axis=-1)
-        angle = self._sun - self._task.mean_motion * times
-        towards = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
-        lit = towards @ self._normals.T > math.cos(math.radians(self._task.light_degrees))
+        lit = sunlit(self._task, self._sun, times)
         return _Grid(
             slots,
             times,
@@ -375,21 +380,27 @@ class InspectionSearch:
         if not used.any():
             used[0] = True
 
-        # With few constraints first, then with those that the flight breaks too.
+        # With few constraints first, then with those that the flight breaks too. The last column eases all.
         size = matrix.shape[1]
+        costs = np.append(np.ones(2 * size), _EASING)
+        matrix = np.hstack([matrix, -matrix, np.ones((len(matrix), 1))])
+        ease = 0.0
         for _ in range(_CUTS):
             program = linprog(
-                np.ones(2 * size),
-                A_ub=np.concatenate([-matrix[used], matrix[used]], axis=1),
+                costs,
+                A_ub=-matrix[used],
                 b_ub=-side[used],
-                bounds=(0.0, self._most),
+                bounds=[(0.0, self._most)] * (2 * size) + [(0.0, ease)],
                 method="highs-ds",
                 options={"presolve": False},
             )
+            if program.status == 2 and ease == 0.0:
+                ease = math.inf
+                continue
             if program.status != 0:
                 return None
-            burns = program.x[:size] - program.x[size:]
-            broken = (matrix @ burns < side - 1e-6) & ~used
+            burns = program.x[:size] - program.x[size:-1]
+            broken = (matrix @ program.x < side - 1e-6) & ~used
             if not broken.any():
                 prices = np.zeros(len(side))
                 prices[used] = -program.ineqlin.marginals

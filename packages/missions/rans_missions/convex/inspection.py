@@ -74,19 +74,27 @@ def point_prices(
     # Where the craft coasts, and which points are in light.
     p, _ = task.drift.carry(start.p, start.v, times)
     free = components(p, len(times)) @ normals.T
-    sun = goal.notes.sun - task.mean_motion * times
-    towards = np.stack([np.cos(sun), np.sin(sun), 0.0 * sun], axis=1)
-    lit = towards @ normals.T > math.cos(math.radians(task.light_degrees))
+    lit = sunlit(task, goal.notes.sun, times)
 
     # How far an impulse of 1 N s moves it along each normal, at best, in the time since the start.
     along = np.einsum("ij,tjk->tik", normals, responses(task, times))
-    best = np.maximum.accumulate(farthest(craft, start, along), axis=0)
+    best = np.maximum.accumulate(farthest(craft, thruster_pushes(craft, start), along), axis=0)
     best = np.where(best > 0.0, best + between_checks(task, step) / craft.mass, 0.0)
 
     missing = np.maximum(task.surface_distance - free, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         price = np.where(missing > 0.0, missing / best, 0.0)
     return np.minimum.accumulate(np.where(lit, price, math.inf), axis=0)
+
+
+def sunlit(task: Inspect, sun: float, times: np.ndarray) -> np.ndarray:
+    """Whether each point is in light a time (T,), s, after the sun was at an angle, rad: (T, points)."""
+    angle = sun - task.mean_motion * times
+    towards = np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
+    lit: np.ndarray = towards @ np.transpose(task.normals) > math.cos(
+        math.radians(task.light_degrees)
+    )
+    return lit
 
 
 def responses(task: Inspect, times: np.ndarray) -> np.ndarray:
@@ -105,16 +113,26 @@ def between_checks(task: Inspect, step: float) -> float:
     return math.sqrt(18.0) * task.mean_motion * step**2 / 8.0
 
 
-def farthest(craft: Spacecraft, start: SpatialState, along: np.ndarray) -> np.ndarray:
-    """What 1 N s of a craft adds at best, (...), where 1 m/s along each axis of W adds ``along`` (..., 3)."""
-    along = along / craft.mass
+def thruster_pushes(craft: Spacecraft, start: SpatialState) -> np.ndarray | None:
+    """Change of velocity by 1 N s of each thruster, (K, 3) m/s in W; None: the craft may turn and push anywhere."""
     wrenches = craft.wrenches
     turns = bool(craft.wheels) or bool(np.any(np.abs(wrenches[:, 3:]) > 0.0))
     if turns or np.any(start.spin()):
-        return np.linalg.norm(along, axis=-1)
+        return None
     forces = wrenches[:, :3]
-    directions = forces / np.linalg.norm(forces, axis=1, keepdims=True)
-    in_world = [
-        components(start.attitude.rotate(Vec3(*direction)), 1)[0] for direction in directions
-    ]
-    return np.maximum((along @ np.array(in_world).T).max(axis=-1), 0.0)
+    along = forces / np.linalg.norm(forces, axis=1, keepdims=True)
+    in_world = [components(start.attitude.rotate(Vec3(*way)), 1)[0] for way in along]
+    return np.array(in_world) / craft.mass
+
+
+def farthest(craft: Spacecraft, pushes: np.ndarray | None, along: np.ndarray) -> np.ndarray:
+    """What 1 N s of a craft adds at best, (...), where 1 m/s along each axis of W adds ``along`` (..., 3).
+
+    Its ``pushes`` are those of `thruster_pushes`.
+    """
+    if pushes is None:
+        return np.linalg.norm(along, axis=-1) / craft.mass
+    best = np.zeros(along.shape[:-1])
+    for push in pushes:
+        np.maximum(best, along @ push, out=best)
+    return best

@@ -5,17 +5,33 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog
 
 from rans.extend import Spacecraft, SpatialState, Timing
-from rans_missions.convex.inspection import between_checks, farthest, point_prices, responses
+from rans_missions.convex.inspection import (
+    between_checks,
+    farthest,
+    point_prices,
+    responses,
+    sunlit,
+    thruster_pushes,
+)
 from rans_missions.team.task import InspectTeam
 from rans_missions.vectors import components
 
-_EVERY = 4
-"""Checks of which one may be the end of an interval, or has a constraint of the zone."""
+_EVERY = 8
+"""Checks of which one has a constraint of the zone, and on which proofs for points too are evaluated."""
+_SHORTEST = 4
+"""Checks of an interval at least."""
+_LONGER = 16
+"""Times that an interval fits into the time since enough points have been in light, where it is longer."""
+_HORIZON = 1.5
+"""Least bound of all later ends, over the best one without proofs for points too, at which these are left."""
+_PARTS = (0.1, 0.25, 0.4, 0.55, 0.7)
+"""Parts of a point in a proof for a point and a stay together."""
 _CUTS = 8
 """Programs of one stay, each with the constraints that the flight of the last one breaks, at most."""
 
@@ -32,9 +48,9 @@ def team_bound(
 
     A success is at some check, in one interval of time. Deputy d has then spent at least its price c of each point
     that it has seen (`inspection_bound`), by the end of the interval, and at least the impulse s that keeps it in
-    the zone until its beginning. If it has spent I, it has seen no point dearer than I. So the team spends at least
-    the smallest sum of numbers I_d >= s_d for which enough points have c_dk <= I_d for some d, and at least the
-    smallest of these sums over all intervals after enough points have been in light.
+    the zone until its beginning; c is that of both together. If it has spent I, it has seen no point dearer than I.
+    So the team spends at least the smallest sum of numbers I_d >= s_d for which enough points have c_dk <= I_d for
+    some d, and at least the smallest of these sums over all intervals after enough points have been in light.
 
     It holds for every control law. It leaves out the keep-out ball, the distances between deputies, limits of the
     thrust, and that a deputy sees several points in one flight.
@@ -55,17 +71,35 @@ def team_bound(
     enough = np.isfinite(prices[0]).sum(axis=1) >= asked
     if not enough.any():
         return math.inf
-    stays = [_Stay(craft, task, start, within, timing) for start in starts]
-    best = math.inf
+    stays = [_Stay(craft, task, start, goal, within, timing) for start in starts]
     # A success after the check `begin`, at the check `end` at the latest.
     last = len(enough) - 1
-    for begin in range(max(int(enough.argmax()) - 1, 0), last, _EVERY):
-        least = [stay.price(begin) for stay in stays]
+    first = end = max(int(enough.argmax()) - 1, 0)
+    best = bound = math.inf
+    intervals = []
+    while end < last:
+        begin, end = end, min(end + max(_SHORTEST, (end - first) // _LONGER), last)
+        proofs = [stay.proof(begin) for stay in stays]
+        least = [proof.price for proof in proofs]
         # Later, stays cost no less and points no less than at the end.
-        if best < math.inf and _divided(prices[:, last], least, asked, best) >= best:
+        horizon = _HORIZON * best
+        later = _divided(prices[:, last], least, asked, horizon)
+        if later >= horizon:
+            bound = later
             break
-        best = min(best, _divided(prices[:, min(begin + _EVERY, last)], least, asked, best))
-    return best
+        alone = _divided(prices[:, end], least, asked, horizon)
+        best = min(best, alone)
+        intervals.append((alone, end, proofs))
+    for alone, end, proofs in sorted(intervals, key=lambda interval: interval[0]):
+        if alone >= bound:
+            break
+        least = [proof.price for proof in proofs]
+        both = [
+            stay.with_points(proof, row, end, min(bound, _HORIZON * alone))
+            for stay, proof, row in zip(stays, proofs, prices[:, end], strict=True)
+        ]
+        bound = min(bound, _divided(np.stack(both), least, asked, bound))
+    return bound
 
 
 def _divided(prices: np.ndarray, least: Sequence[float], asked: int, best: float) -> float:
@@ -93,12 +127,24 @@ def _divided(prices: np.ndarray, least: Sequence[float], asked: int, best: float
     return best
 
 
+class _Proof(NamedTuple):
+    """Proof that a stay costs a price: multipliers, scaled so that 1 N s moves their sum by 1 at most."""
+
+    price: float
+    """Bound, N s."""
+    push: np.ndarray
+    """What 1 m/s along each axis of W adds to the sum at each check, (T, 3)."""
+    between: float
+    """What 1 N s adds at most between checks beyond what it adds at them."""
+
+
 class _Stay:
     """Least impulse with which a deputy is in the zone at the checks until a time.
 
     Linear programs over burns and tangents of the zone find multipliers l_j of constraints d_j . p(t_j) <= far.
     Their proof needs no program: an impulse of 1 N s at a time s lowers the sum of l_j d_j . p(t_j) by at most
-    e(s), so that the flight costs at least (sum of l_j (d_j . p_free(t_j) - far)) / max e.
+    e(s), so that the flight costs at least (sum of l_j (d_j . p_free(t_j) - far)) / max e. A point that is to be
+    seen at a check too is one more constraint of the sum, with any multiplier.
     """
 
     def __init__(
@@ -106,28 +152,32 @@ class _Stay:
         craft: Spacecraft,
         task: InspectTeam,
         start: SpatialState,
+        goal: SpatialState,
         within: float,
         timing: Timing,
     ) -> None:
-        self._craft, self._start = craft, start
+        self._craft, self._pushes = craft, thruster_pushes(craft, start)
         self._far = task.fail_distance
         step = timing.control_period / timing.checks
         times = step * np.arange(math.floor(within / step + 1e-9) + 1)
         p, _ = task.drift.carry(start.p, start.v, times)
         self._free = components(p, len(times))
         self._response = responses(task, times)
-        self._between = between_checks(task, step)
+        self._between = between_checks(task, step) / craft.mass
+        self._normals = np.array(task.normals)
+        self._missing = task.surface_distance - self._free @ self._normals.T
+        self._lit = sunlit(task, goal.notes.sun, times)
 
-    def price(self, last: int) -> float:
-        """Certified lower bound, N s, until the check number ``last``."""
+    def proof(self, last: int) -> _Proof:
+        """Certified lower bound until the check number ``last``."""
         free = self._free[: last + 1]
         checks = np.arange(last % _EVERY, last + 1, _EVERY)
-        since = checks[:, None] - np.arange(0, last + 1, 2 * _EVERY)
+        since = checks[:, None] - np.arange(0, last + 1, _EVERY)
         effect = self._response[np.maximum(since, 0)] * (since > 0)[..., None, None]
         effect = effect.transpose(0, 2, 1, 3).reshape(len(checks), 3, -1)
         burns = np.zeros(effect.shape[2])
         directions, when = np.zeros((0, 3)), np.zeros(0, int)
-        best = 0.0
+        best = _Proof(0.0, np.zeros((1, 3)), 0.0)
         for _ in range(_CUTS):
             p = free[checks] + effect @ burns
             distance = np.linalg.norm(p, axis=1)
@@ -145,24 +195,54 @@ class _Stay:
                 break
             burns = program.x[: len(burns)] - program.x[len(burns) :]
             multipliers = np.maximum(-program.ineqlin.marginals, 0.0)
-            best = max(best, self._proven(multipliers, directions, checks[when], missing))
+            # Any multipliers that are not negative have a proof.
+            push = np.zeros((last + 1, 3))
+            for weight, direction, check in zip(multipliers, directions, checks[when], strict=True):
+                push[: check + 1] -= weight * (direction @ self._response[check::-1])
+            between = self._between * multipliers.sum()
+            most = farthest(self._craft, self._pushes, push).max() + between
+            price = float(multipliers @ missing / most) if most > 0.0 else 0.0
+            if price > best.price:
+                best = _Proof(price, push / most, between / most)
         return best
 
-    def _proven(
-        self,
-        multipliers: np.ndarray,
-        directions: np.ndarray,
-        checks: np.ndarray,
-        missing: np.ndarray,
-    ) -> float:
-        """Bound of the class from multipliers (M,) of constraints, any that are not negative, N s."""
-        if not multipliers.any():
-            return 0.0
-        pull = np.zeros((checks.max() + 1, 3))
-        for weight, direction, check in zip(multipliers, directions, checks, strict=True):
-            if weight:
-                pull[: check + 1] += weight * (direction @ self._response[check::-1])
-        between = self._between * multipliers.sum() / self._craft.mass
-        # Burns bring it nearer.
-        most = farthest(self._craft, self._start, -pull).max() + between
-        return float(multipliers @ missing / most)
+    def with_points(
+        self, proof: _Proof, prices: np.ndarray, end: int, ceiling: float
+    ) -> np.ndarray:
+        """Certified lower bounds of the stay with each point by the check ``end``, (points,) N s.
+
+        Args:
+            proof: of the stay.
+            prices: of the points alone, (points,) N s.
+            end: number of the check.
+            ceiling: bounds beyond which nothing is of interest, N s.
+        """
+        result = prices.copy()
+        if proof.price == 0.0:
+            return result
+        # Pushes at some checks, among them all at which the sum has a kink: those of the proof, and of the point.
+        stay = np.zeros((end + 1, 3))
+        stay[: len(proof.push)] = proof.push
+        at = np.union1d(0, np.arange((len(proof.push) - 1) % _EVERY, end + 1, _EVERY))
+        wider = _EVERY**2
+        for point in np.flatnonzero(prices < ceiling):
+            checks = np.flatnonzero(self._lit[: end + 1, point])
+            along = self._normals[point] @ self._response[: end + 1]
+            most = np.maximum.accumulate(farthest(self._craft, self._pushes, along))
+            most = most[checks] + self._between
+            alone = self._missing[checks, point] / most
+            best = np.maximum(alone, proof.price)
+            live = best < ceiling
+            checks, most, alone = checks[live], most[live], alone[live]
+            since = checks[:, None] - at
+            see = along[np.maximum(since, 0)] * ((since > 0) / most[:, None])[..., None]
+            kink = farthest(self._craft, self._pushes, stay[checks])
+            for part in _PARTS:
+                rest = 1.0 - part
+                pushed = farthest(self._craft, self._pushes, part * see + rest * stay[at])
+                pushed = np.maximum(pushed.max(axis=1), rest * kink)
+                between = wider * (part * self._between / most + rest * proof.between)
+                both = (part * alone + rest * proof.price) / (pushed + between)
+                best[live] = np.maximum(best[live], both)
+            result[point] = max(result[point], best.min())
+        return result

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy.integrate import solve_ivp
 
 from rans.extend import (
     EVALUATION_SEED,
@@ -28,7 +29,7 @@ from rans_missions.team.task import InspectTeam
 from rans_missions.vectors import motion_of
 
 _STEP = 20.0
-"""Step of coasts in two-body gravity, s: their error by Runge and Kutta's method is below 1 mm in an orbit."""
+"""Time between instants of coasts, s."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
 
     Args:
         deputies: number of deputies of a team, 1 to 3.
-        episodes: number of teams; guidance searches some ten seconds of processor time for each.
+        episodes: number of teams; guidance and bound take some ten seconds of a core each.
         seed: seed of the starts.
 
     Raises:
@@ -65,35 +66,40 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
     whole("--episodes", episodes)
     task = InspectTeam(deputies=deputies)
     craft = load_spacecraft("afrl-deputy")
-    rows = []
+    timing = task.timing
+    starts: Any = scenarios(task, craft, seed, deputies * episodes)
+    # All at once: a step of one row takes as long as one of hundreds.
+    flight = fly(craft, task, Circumnavigation(craft, task), starts, timing)
+    assert flight.done is not None
+    assert flight.lengths is not None
+    forces = np.array([thruster.force for thruster in craft.thrusters])
+    spent = (flight.commands @ forces).sum(axis=0) * timing.control_period
+    states = motion_of(flight.states)
+    apart = flight.margins.get("keep-apart", np.full(flight.commands.shape[:2], math.inf))
+    duration = timing.control_period * timing.episode_steps
+    bounds, coasts = [], []
     with progress() as bars:
         step = stages(bars)("teams", episodes)
-        for k in range(episodes):
-            starts = scenarios(task, craft, seed, deputies, first=k * deputies)
-            flight = fly(craft, task, Circumnavigation(craft, task), starts, task.timing)
+        for first in range(0, len(spent), deputies):
+            rows = slice(first, first + deputies)
             each: list[Any] = [
-                map_leaves(lambda x, j=j: float(x[j]), starts.start) for j in range(deputies)
+                map_leaves(lambda x, j=j: float(x[j]), starts) for j in range(rows.start, rows.stop)
             ]
-            goal: Any = map_leaves(lambda x: float(x[0]), starts.goal)
-            duration = task.timing.control_period * task.timing.episode_steps
-            assert flight.done is not None
-            assert flight.lengths is not None
-            steps = int(flight.lengths[0])
-            forces = np.array([thruster.force for thruster in craft.thrusters])
-            apart = flight.margins.get("keep-apart", np.full((1, 1), math.inf))
-            rows.append(
-                (
-                    bool(flight.done.all()),
-                    bool(flight.violated().any()),
-                    steps * task.timing.control_period,
-                    float((flight.commands @ forces).sum()) * task.timing.control_period,
-                    team_bound(craft, task, each, goal, duration, task.timing),
-                    float(apart.min()) + task.keep_apart,
-                    coasts_apart(task.mean_motion, motion_of(flight.states)[: steps + 1]),
-                )
+            bounds.append(
+                team_bound(craft, task, [one.start for one in each], each[0].goal, duration, timing)
             )
+            flown = states[: int(flight.lengths[first]) + 1, rows]
+            coasts.append(coasts_apart(task.mean_motion, flown))
             step(1)
-    return TeamFlights(*(np.array(column) for column in zip(*rows, strict=True)))
+    return TeamFlights(
+        flight.done[::deputies],
+        flight.violated()[::deputies],
+        flight.lengths[::deputies] * timing.control_period,
+        spent.reshape(episodes, deputies).sum(axis=1),
+        np.array(bounds),
+        apart.min(axis=0)[::deputies] + task.keep_apart,
+        np.array(coasts),
+    )
 
 
 def coasts_apart(mean_motion: float, states: np.ndarray) -> float:
@@ -113,21 +119,23 @@ def coasts_apart(mean_motion: float, states: np.ndarray) -> float:
     if not len(pairs[0]):
         return math.inf
 
-    def pull(p: np.ndarray) -> np.ndarray:
-        return -EARTH * p / np.linalg.norm(p, axis=-1, keepdims=True) ** 3
+    def motion(_: float, both: np.ndarray) -> np.ndarray:
+        p, v = both.reshape(2, -1, 3)
+        pull = -EARTH * p / np.linalg.norm(p, axis=1, keepdims=True) ** 3
+        return np.concatenate([v, pull], axis=None)
 
-    least = math.inf
-    h = _STEP
-    for _ in range(math.ceil(2.0 * math.pi / (mean_motion * h))):
-        apart = np.linalg.norm(p[:, pairs[0]] - p[:, pairs[1]], axis=-1)
-        least = min(least, float(apart.min()))
-        # Runge and Kutta's method of order 4 for p'' = a(p), by Nystroem.
-        first = pull(p)
-        second = pull(p + 0.5 * h * v + 0.125 * h**2 * first)
-        third = pull(p + h * v + 0.5 * h**2 * second)
-        p = p + h * v + h**2 / 6.0 * (first + 2.0 * second)
-        v = v + h / 6.0 * (first + 4.0 * second + third)
-    return least
+    period = 2.0 * math.pi / mean_motion
+    coasts = solve_ivp(
+        motion,
+        (0.0, period),
+        np.concatenate([p, v], axis=None),
+        "DOP853",
+        np.arange(0.0, period, _STEP),
+        rtol=1e-10,
+        atol=1e-6,
+    )
+    flown = coasts.y[: p.size].reshape(*p.shape, -1)
+    return float(np.linalg.norm(flown[:, pairs[0]] - flown[:, pairs[1]], axis=2).min())
 
 
 @command_of(team)

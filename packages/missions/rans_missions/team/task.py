@@ -63,6 +63,11 @@ class InspectTeam(Inspect):
             )
 
     @property
+    def rows(self) -> int:
+        """See `rans.tasks.base.Task.rows`: the deputies."""
+        return self.deputies
+
+    @property
     def _part(self) -> float:
         """Width of the range of a deputy's distance at the start, m."""
         low, high = self.spawn_distance
@@ -117,10 +122,8 @@ class InspectTeam(Inspect):
         return (*super().observation_terms(state, goal), *mates)
 
     def _grouped(self, field: Any) -> Any:
-        """A field (..., N) by teams, (..., N / D, D); one row, with which engines ask for shapes, is by itself."""
+        """A field (..., N) by teams, (..., N / D, D)."""
         rows = field.shape[-1]
-        if rows == 1:
-            return field[..., None]
         if rows % self.deputies:
             raise ConfigError(
                 f"a batch must be of whole teams of {self.deputies} deputies, got {rows} rows."

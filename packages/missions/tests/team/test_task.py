@@ -77,5 +77,6 @@ def test_what_is_no_team_is_refused() -> None:
         InspectTeam(deputies=4)
     with pytest.raises(ConfigError, match="lower keep_apart"):
         InspectTeam(keep_apart=25.0)
-    with pytest.raises(ConfigError, match="whole teams of 3 deputies, got 8 rows"):
-        Engine(DEPUTY, InspectTeam(), 8)
+    for rows in (1, 8):
+        with pytest.raises(ConfigError, match=f"whole teams of 3 deputies, got {rows} rows"):
+            Engine(DEPUTY, InspectTeam(), rows)
