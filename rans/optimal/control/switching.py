@@ -5,6 +5,7 @@ Ties between patterns decide recorded flights: the order of candidates is not fr
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
@@ -177,12 +178,16 @@ class Switching(ExpectsDead, ModelBased):
         # Gaps to the goal now and after a coast of the period, and what wheels would give then.
         now, coast = (self._gap(h, state, goal) for h in (0.0, self._period))
         scales = self._scales_to_move(now, coast)
-        wheel_help = None if self._wheels is None else self._wheel_help(coast, scales, state, rest)
+        everyone = np.arange(len(rest))
+        help_of = self._wheel_help(coast, scales, state, rest)
 
         def costs_of_parts(episodes: np.ndarray, patterns: np.ndarray) -> np.ndarray:
             """Costs (M, C, parts) of parts of the pulses of C patterns for each of M episodes."""
             gap, scale = coast.of_episodes(episodes), scales[:, episodes]
-            wheels = None if wheel_help is None else wheel_help.of_episodes(episodes)
+
+            def wheels(turn: np.ndarray) -> np.ndarray:
+                return help_of(turn, episodes)[1]
+
             return np.stack(
                 [self._cost(gap, patterns, scale, part, wheels) for part in self._parts], axis=-1
             )
@@ -192,24 +197,14 @@ class Switching(ExpectsDead, ModelBased):
 
         # The best pattern, from the last one on, and the best part of its pulse.
         self._last = self._patterns.best(self._last & ~rest[:, None], cost, ~rest)
-        everyone = np.arange(len(rest))
         best_part = costs_of_parts(everyone, self._last[:, None])[:, 0].argmin(axis=-1)
         part = self._parts[best_part, None]
-        commands = self._last * part
         # Wheels give the remaining angular acceleration.
-        if wheel_help is not None:
-            turn = (self._patterns.shares(self._last) * part) @ self._turns
-            turn = turn * coast.lighter[:, None]
-            commands = np.hstack([commands, wheel_help.commands(turn[:, None])[:, 0]])
+        turn = (self._patterns.shares(self._last) * part) @ self._turns * coast.lighter[:, None]
+        commands = np.hstack([self._last * part, help_of(turn[:, None], everyone)[0][:, 0]])
         if self._afterwards is not None:
             commands = self._afterwards.commands(state, goal, commands)
         return commands
-
-    def time_left(self, state: Any, goal: Any) -> np.ndarray:
-        """The least time to the goal, (N,) s, as the curve has it, of a state and a goal of arrays (N,)."""
-        gap = self._gap(0.0, state, goal)
-        shut = np.zeros((len(gap.p), 1, len(self._forces)), bool)
-        return self._cost(gap, shut, self._scales(len(gap.p)))[:, 0]
 
     def _gap(self, time: float, state: Any, goal: Any) -> _Gap:
         """From where the goal will be, of a state that coasts for a time, s; fields (N,).
@@ -227,8 +222,11 @@ class Switching(ExpectsDead, ModelBased):
 
     def _wheel_help(
         self, coast: _Gap, scales: np.ndarray, state: Any, rest: np.ndarray
-    ) -> _WheelHelp:
-        """What follows for the wheels, whichever thrusters fire: the wanted spin-up of the craft, and their bounds.
+    ) -> Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+        """Commands (M, C, wheels) and angular accelerations (M, C, 1 or 3) of the wheels.
+
+        The result is a function of those accelerations, like them, that thrusters give, and of the numbers (M,) of
+        the episodes.
 
         Args:
             coast: error at the end of the period without any effector.
@@ -236,21 +234,29 @@ class Switching(ExpectsDead, ModelBased):
             state: with the stores of the wheels.
             rest: which craft leave their thrusters shut, (N,).
         """
-        assert self._wheels is not None
-        low, high = self._wheels.bounds(state.stores, len(rest))
+        wheels = self._wheels
+        if wheels is None:
+            return lambda turn, _: (turn[..., :0], 0.0 * turn)
+        low, high = wheels.bounds(state.stores, len(rest))
         # Nothing balances the unloading of a wheel while thrusters rest.
         low = np.where(rest[:, None], np.minimum(low, 0.0), low)
         high = np.where(rest[:, None], np.maximum(high, 0.0), high)
         held = "attitude" in self._task.tolerances()
+        # The angular acceleration that all effectors together should give, in B.
         spin_up = _to_curve(
             coast.turn if held else None,
             coast.spin,
             self._turn * coast.lighter[:, None] * scales[1],
             self._period,
         )
-        return _WheelHelp(
-            self._wheels, self._inertia, self._inverse_inertia, spin_up, low, high, coast.lighter
-        )
+
+        def given(turn: np.ndarray, episodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            lighter = coast.lighter[episodes, None, None]
+            torque = ((spin_up[episodes, None] - turn) @ self._inertia) / lighter
+            commands = wheels.commands(torque, low[episodes, None], high[episodes, None])
+            return commands, commands @ wheels.map @ self._inverse_inertia * lighter
+
+        return given
 
     def _scales(self, count: int) -> np.ndarray:
         """(2, N, 1) the curve's shares of what there is to push and turn with."""
@@ -282,7 +288,7 @@ class Switching(ExpectsDead, ModelBased):
         patterns: np.ndarray,
         scales: np.ndarray,
         part: float = 1.0,
-        wheels: _WheelHelp | None = None,
+        wheels: Callable[[np.ndarray], np.ndarray] | None = None,
     ) -> np.ndarray:
         """Time to the goal after a pulse, and the price of its thrust, (M, C) s, for C patterns and M episodes.
 
@@ -291,7 +297,7 @@ class Switching(ExpectsDead, ModelBased):
             patterns: open thrusters, (M, C, thrusters).
             scales: scales of push and turn, (2, M, 1).
             part: part of the pulse that is given.
-            wheels: help of wheels in this period; None: the craft has none.
+            wheels: angular accelerations by wheels beside those by thrusters; None: they are left out.
         """
         loads = self._patterns.shares(patterns) * part
         held = self._task.tolerances()
@@ -311,7 +317,7 @@ class Switching(ExpectsDead, ModelBased):
         if self._can_turn:
             turn = (loads @ self._turns) * lighter[..., None]
             if wheels is not None:
-                turn = turn + wheels.accelerations(turn)
+                turn = turn + wheels(turn)
             turning = time_to_rest(
                 gap.turn[:, None] + 0.5 * h * h * turn if "attitude" in held else None,
                 gap.spin[:, None] + h * turn,
@@ -367,39 +373,6 @@ class _Gap:
     def of_episodes(self, which: np.ndarray) -> _Gap:
         """Gaps of some episodes, by number."""
         return _Gap(*(x[which] for x in vars(self).values()))
-
-
-@dataclass(frozen=True)
-class _WheelHelp:
-    """What wheels give beside thrusters in one period: arrays of N episodes."""
-
-    wheels: WheelTorques
-    inertia: np.ndarray
-    """With a full tank, kg m^2."""
-    inverse_inertia: np.ndarray
-    spin_up: np.ndarray
-    """(N, 1 or 3) angular acceleration that all effectors together should give, in B, rad/s^2."""
-    low: np.ndarray
-    """(N, wheels) least commands."""
-    high: np.ndarray
-    """(N, wheels) largest commands."""
-    lighter: np.ndarray
-    """(N,) inertia with a full tank over inertia."""
-
-    def of_episodes(self, which: np.ndarray) -> _WheelHelp:
-        """Help of some episodes, by number."""
-        rows = (x[which] for x in (self.spin_up, self.low, self.high, self.lighter))
-        return _WheelHelp(self.wheels, self.inertia, self.inverse_inertia, *rows)
-
-    def commands(self, turn: np.ndarray) -> np.ndarray:
-        """Commands (N, C, wheels) beside angular accelerations (N, C, 1 or 3) by thrusters."""
-        torque = ((self.spin_up[:, None] - turn) @ self.inertia) / self.lighter[:, None, None]
-        return self.wheels.commands(torque, self.low[:, None], self.high[:, None])
-
-    def accelerations(self, turn: np.ndarray) -> np.ndarray:
-        """Angular accelerations (N, C, 1 or 3) by the wheels beside those by thrusters."""
-        wheel_spin_up = self.commands(turn) @ self.wheels.map @ self.inverse_inertia
-        return wheel_spin_up * self.lighter[:, None, None]
 
 
 def _to_curve(

@@ -170,7 +170,9 @@ def test_propellant_makes_the_craft_lighter(kind: Any) -> None:
         np.testing.assert_allclose(now, before * 4.32 / 5.32, rtol=1e-12)
     else:
         # From rest the least time is 2 sqrt(s / a).
-        now, before = (controller.time_left(state, starts.goal) for state in (left, full))
+        gaps = [controller._gap(0.0, state, starts.goal) for state in (left, full)]
+        shut = np.zeros((2, 1, BURNING.thruster_count), bool)
+        now, before = (controller._cost(gap, shut, controller._scales(2)) for gap in gaps)
         np.testing.assert_allclose(now, before * np.sqrt(4.32 / 5.32), rtol=1e-9)
     flight = fly(BURNING, task, controller, starts, task.timing)
     assert np.isfinite(settling_times(flight)).all()
