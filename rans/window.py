@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 import webbrowser
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
@@ -46,11 +46,9 @@ class Window:
         self._period = 1.0 / fps
         self._due = 0.0
         self._changed = threading.Condition()
-        # Empty before the first frame, None after the last: `next` waits until it is another object.
+        # Empty before the first frame, None after the last: `_stream` waits until it is another object.
         self._jpeg: bytes | None = b""
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), partial(_Handler, self))
-        threading.Thread(target=self._server.serve_forever, args=(0.05,), daemon=True).start()
-        self.url = f"http://localhost:{self._server.server_port}"
+        self._server, self.url = _serve(self._answer, 0)
         to_stderr(f"The spacecraft flies at {self.url}")
         open_browser(self.url)
 
@@ -73,11 +71,21 @@ class Window:
         self._server.shutdown()
         self._server.server_close()
 
-    def next(self, last: bytes | None) -> bytes | None:
-        """Wait for the next frame after ``last`` and return it as JPEG; None: there are no more."""
-        with self._changed:
-            self._changed.wait_for(lambda: self._jpeg is not last)
-            return self._jpeg
+    def _answer(self, path: str) -> tuple[str, Iterable[bytes]]:
+        """The page, or the frames as a stream of pictures, which lasts until the browser closes it."""
+        if path == "/film":
+            return "multipart/x-mixed-replace; boundary=frame", self._stream()
+        return "text/html", [_PAGE]
+
+    def _stream(self) -> Iterator[bytes]:
+        last: bytes | None = b""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda seen=last: self._jpeg is not seen)
+                last = self._jpeg
+            if last is None:
+                return
+            yield _PART % len(last) + last + b"\r\n"
 
     def _publish(self, jpeg: bytes | None) -> None:
         with self._changed:
@@ -85,8 +93,16 @@ class Window:
             self._changed.notify_all()
 
 
-class _Quiet(BaseHTTPRequestHandler):
+_Answer = Callable[[str], tuple[str, Iterable[bytes]]]
+"""Of the path of a request: type and parts of the content."""
+
+
+class _Handler(BaseHTTPRequestHandler):
     """Handler of requests that name this computer, as other names may lead to it from a page of a stranger."""
+
+    def __init__(self, answer: _Answer, *arguments: Any) -> None:
+        self._answer = answer
+        super().__init__(*arguments)
 
     def parse_request(self) -> bool:
         """Read a request, and refuse one whose host is not this computer."""
@@ -101,32 +117,22 @@ class _Quiet(BaseHTTPRequestHandler):
     def log_message(self, format: str, *arguments: Any) -> None:
         """Do not log requests."""
 
-
-class _Handler(_Quiet):
-    """Handler of requests: the page, and the frames as a stream of pictures ("multipart/x-mixed-replace")."""
-
-    def __init__(self, window: Window, *arguments: Any) -> None:
-        self._window = window
-        super().__init__(*arguments)
-
     def do_GET(self) -> None:
-        """Answer a request; the stream of frames lasts until the browser closes it."""
-        film = self.path == "/film"
+        """Answer a request."""
+        kind, parts = self._answer(self.path)
         self.send_response(200)
-        self.send_header(
-            "Content-Type", "multipart/x-mixed-replace; boundary=frame" if film else "text/html"
-        )
+        self.send_header("Content-Type", kind)
         self.end_headers()
         with contextlib.suppress(ConnectionError):  # the page was closed
-            if film:
-                self._stream()
-            else:
-                self.wfile.write(_PAGE)
+            for part in parts:
+                self.wfile.write(part)
 
-    def _stream(self) -> None:
-        jpeg: bytes | None = b""
-        while (jpeg := self._window.next(jpeg)) is not None:
-            self.wfile.write(_PART % len(jpeg) + jpeg + b"\r\n")
+
+def _serve(answer: _Answer, port: int) -> tuple[ThreadingHTTPServer, str]:
+    """A server in a thread of its own, and its address; port 0: any that is free."""
+    server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Handler, answer))
+    threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
+    return server, f"http://localhost:{server.server_port}"
 
 
 class Served:
@@ -140,42 +146,19 @@ class Served:
         ConfigError: all ports are taken, or the system refuses the last one for another reason.
     """
 
-    def __init__(
-        self,
-        page: Callable[[], str],
-        ports: Sequence[int],
-    ) -> None:
+    def __init__(self, page: Callable[[], str], ports: Sequence[int]) -> None:
         self.content = page().encode()
         refusal = OSError(errno.EADDRINUSE, "")
         for port in ports:
             try:
-                server = ThreadingHTTPServer(("127.0.0.1", port), partial(_Page, self))
-                break
+                _, self.url = _serve(lambda _: ("text/html; charset=utf-8", [self.content]), port)
+                return
             except OSError as error:
                 refusal = error
-        else:
-            ends = f"{ports[0]} to {ports[-1]}" if len(ports) > 1 else f"{ports[0]}"
-            is_taken = refusal.errno == errno.EADDRINUSE
-            reason = (
-                "it is taken; is another viewer running?" if is_taken else f"{refusal.strerror}."
-            )
-            raise ConfigError(f"cannot open a page on port {ends} of this computer, {reason}")
-        threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-        self.url = f"http://localhost:{server.server_port}"
-
-
-class _Page(_Quiet):
-    def __init__(self, served: Served, *arguments: Any) -> None:
-        self._served = served
-        super().__init__(*arguments)
-
-    def do_GET(self) -> None:
-        """Answer a request with the page."""
-        self.send_response(200)
-        self.send_header("Content-Type", "text/html; charset=utf-8")
-        self.end_headers()
-        with contextlib.suppress(ConnectionError):  # the page was closed
-            self.wfile.write(self._served.content)
+        ends = f"{ports[0]} to {ports[-1]}" if len(ports) > 1 else f"{ports[0]}"
+        is_taken = refusal.errno == errno.EADDRINUSE
+        reason = "it is taken; is another viewer running?" if is_taken else f"{refusal.strerror}."
+        raise ConfigError(f"cannot open a page on port {ends} of this computer, {reason}")
 
 
 def open_browser(url: str) -> None:
