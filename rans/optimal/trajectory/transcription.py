@@ -300,9 +300,9 @@ class Transcription:
     def _build(self, goal_width: int) -> None:
         """Variables: (commands, wrench, state after) of every interval, then the control period.
 
-        Constraints: intervals join, wrenches are the commands', arrival, with shared thrust the sums of commands,
-        and margins of the task's constraints. Sets the functions and sizes that all other methods read, in this
-        order of variables.
+        Constraints, with their bounds: intervals join, wrenches are the commands', arrival, with shared thrust the
+        sums of commands, and margins of the task's constraints. Sets the functions and sizes that all other methods
+        read, in this order of variables.
         """
         # Symbols of the variables and parameters.
         count = self._objective.intervals
@@ -323,13 +323,14 @@ class Transcription:
             goals = self._later.map(count)(goals, times)
         # Constraints.
         gaps = after - self._step.map(count)(ca.horzcat(start, after[:, :-1]), applied, period)
+        arrival = self._arrival
         constraints = [
-            ca.vec(gaps),
-            ca.vec(ca.DM(self._wrenches) @ commands - applied),
-            self._arrival.conditions(after[:, -1], goals[:, -1]),
+            (gaps, 0.0, 0.0),
+            (ca.DM(self._wrenches) @ commands - applied, 0.0, 0.0),
+            (arrival.conditions(after[:, -1], goals[:, -1]), arrival.low, arrival.high),
         ]
         if self._craft.thrust_sharing == "split":
-            constraints.append(ca.sum1(commands).T)
+            constraints.append((ca.sum1(commands), 0.0, 1.0))
         if self._margins is not None:
             # At every check of every interval, of which the last is its end.
             margins = self._margins.map(count)
@@ -341,8 +342,14 @@ class Transcription:
                 if self._later is not None:
                     instants = period * (ca.DM(range(count)).T + fraction)
                     goal_then = self._later.map(count)(ca.repmat(goal, 1, count), instants)
-                constraints.append(ca.vec(margins(state, goal_then)))
-            constraints.append(ca.vec(margins(after, goals)))
+                constraints.append((margins(state, goal_then), LEAST_MARGIN, np.inf))
+            constraints.append((margins(after, goals), LEAST_MARGIN, np.inf))
+        self._limits = {
+            name: np.concatenate(
+                [np.zeros(row.numel()) + bounds[side] for row, *bounds in constraints]
+            )
+            for side, name in enumerate(("lbg", "ubg"))
+        }
         # Cost, whose corners are rounded by a parameter for the solver.
         corner = ca.MX.sym("corner")
         path = SymbolicTrajectory(
@@ -353,7 +360,7 @@ class Transcription:
             "x": variables,
             "p": ca.vertcat(start, goal, corner),
             "f": cost,
-            "g": ca.vertcat(*constraints),
+            "g": ca.vertcat(*(ca.vec(row) for row, _, _ in constraints)),
         }
         self._corners = ROUNDINGS if ca.depends_on(cost, corner) else ROUNDINGS[:1]
         self._solver = ca.nlpsol("trajectory", "ipopt", problem, _OPTIONS)
@@ -442,9 +449,8 @@ class Transcription:
     def _bounds_and_guess(self, start: State, goal: State, number: int) -> dict[str, np.ndarray]:
         """Guess x0 and bounds of variables (lbx, ubx) and constraints (lbg, ubg), as arguments of the solver.
 
-        Variables and constraints are in the order of `_build`. Variables: commands, wrench and state after of the
-        first interval, then those of the next, and at last the control period. Constraints: gaps between states of
-        all intervals, then those between wrenches and commands, arrival, sums of shared thrust, and margins.
+        Variables are in the order of `_build`: commands, wrench and state after of the first interval, then those
+        of the next, and at last the control period.
 
         Args:
             start: of floats.
@@ -470,16 +476,11 @@ class Transcription:
 
         free = np.full((width, count), np.inf)
         unbound = np.full((forces, count), np.inf)
-        joined = np.zeros(count * (width + forces))
-        sums = np.ones(count if self._craft.thrust_sharing == "split" else 0)
-        rows = 0 if self._margins is None else self._checks * count * self._margins.size1_out(0)
-        margins = np.zeros(rows)
         return {
             "x0": pack(command, self._wrenches @ command, states, period),
             "lbx": pack(0.0 * command + self._low, -unbound, -free, shortest),
             "ubx": pack(0.0 * command + self._high, unbound, free, longest),
-            "lbg": np.concatenate([joined, self._arrival.low, 0.0 * sums, margins + LEAST_MARGIN]),
-            "ubg": np.concatenate([joined, self._arrival.high, sums, margins + np.inf]),
+            **self._limits,
         }
 
     def _guess(
