@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache
 from hashlib import sha256
@@ -43,6 +43,27 @@ from validation.speed.exported import ANSWERS, numpy_answer
 FORMS: tuple[Form, ...] = ("onnx", "numpy", "c")
 
 
+def check_forms(
+    network: Network,
+    batches: list[np.ndarray],
+    folder: Path,
+    forms: Sequence[Form] = FORMS,
+    furthest: float = 1e-4,
+) -> None:
+    """An agent's exports answer as it does, and remember the same but for ten roundings in float32.
+
+    These are 1e-5 of numbers of the order of one, and 1e-4 of logarithms of odds, up to 20, beside which a choice
+    may be close.
+    """
+    written(folder, network, *forms)
+    own = own_answers(network, batches)
+    for form in forms:
+        found = unequal(own, ANSWERS[form](folder))
+        assert found.beyond == 0
+        assert found.memory < furthest
+        assert found.commands == 0 or furthest > 1e-5
+
+
 COMPILED = {
     "any-craft-2d",
     "dock-port-2d-atmos",
@@ -68,12 +89,7 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
     forms: list[Form] = [form for form in FORMS if form != "c" or name in COMPILED]
     if name == "go-to-pose-2d-robust":
         forms.append("sb3")
-    written(tmp_path, network, *forms)
-    own = own_answers(network, batches)
-    for form in forms:
-        found = unequal(own, ANSWERS[form](tmp_path))
-        assert (found.commands, found.beyond) == (0, 0)
-        assert found.memory < 1e-5  # ten roundings of numbers of the order of one, in float32
+    check_forms(network, batches, tmp_path, forms, 1e-5)
 
 
 @pytest.mark.parametrize(
@@ -90,12 +106,7 @@ def test_a_price_that_falls_near_the_goal_is_that_of_every_form(name: str, tmp_p
     frugality = own.architecture.frugality._replace(away=3.0)
     network = Network(replace(own.architecture, frugal=tuple(frugality)), own.tensors)
     batches = list(asked(network, run.judged, 24))
-    written(tmp_path, network, *FORMS)
-    own = own_answers(network, batches)
-    for form in FORMS:
-        found = unequal(own, ANSWERS[form](tmp_path))
-        assert found.beyond == 0
-        assert found.memory < 1e-4
+    check_forms(network, batches, tmp_path)
 
 
 @pytest.mark.slow
@@ -108,12 +119,7 @@ def test_an_agent_that_adapts_commands_the_same_in_every_form(craft: str, tmp_pa
     network = run.network
     setup = run.judged._replace(timing=replace(run.timing, episode_steps=12))
     batches = list(asked(network, setup, 96))
-    written(tmp_path, network, *FORMS)
-    own = own_answers(network, batches)
-    for form in FORMS:
-        found = unequal(own, ANSWERS[form](tmp_path))
-        assert found.beyond == 0
-        assert found.memory < 1e-4  # ten roundings of logarithms of odds, up to 20, in float32
+    check_forms(network, batches, tmp_path)
 
 
 def random_batches(network: Network, steps: int = 6, count: int = 50) -> list[np.ndarray]:
@@ -148,12 +154,7 @@ def test_every_kind_of_network(number: int, tmp_path: Path) -> None:
     network = scatter(tiny_learner(craft, **KINDS[number]).network)
     batches = random_batches(network)
     network.update_statistics(network.in_body(torch.from_numpy(batches[0]))[None])
-    written(tmp_path, network, *FORMS)
-    own = own_answers(network, batches)
-    for form in FORMS:
-        found = unequal(own, ANSWERS[form](tmp_path))
-        assert found.commands == 0
-        assert found.memory < 1e-5
+    check_forms(network, batches, tmp_path, FORMS, 1e-5)
 
 
 def changed(**tensors: Callable[[torch.Tensor], torch.Tensor]) -> Callable[[Network], Network]:

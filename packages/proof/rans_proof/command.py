@@ -178,20 +178,9 @@ class Prove(Options):
         except Refused as refusal:
             terminal.say(f"Refused: {refusal}")
             return 1
-        if claim.flight:
-            margin, refusal = _checked(contents, [])
-            if refusal:
-                terminal.say(f"Refused: {refusal}")
-                return 1
-            terminal.say(
-                f"Accepted: the flight breaks the property by {-margin:.3g}, in ball arithmetic.\n\nRefuted of "
-                f"{network} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
-                f"{statement(claim.problem)}\nflight from: {claim.flight[0]}"
-            )
-            return 0
-        # Cells are divided among processes.
+        # Cells are divided among processes; a flight has none and is judged by one.
         count = len(claim.cells)
-        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, count, _CHUNK)]
+        chunks = [range(k, min(k + _CHUNK, count)) for k in range(0, max(count, 1), _CHUNK)]
         begun = time.monotonic()
         least = math.inf
         with progress() as bars:
@@ -203,11 +192,20 @@ class Prove(Options):
                     return 1
                 least = min(least, margin)
                 bars.advance(task, _CHUNK)
-        terminal.say(
-            f"Accepted: {count:,} cells cover the starts, and the least margin is {least:.3g}, in ball arithmetic; "
-            f"{time.monotonic() - begun:.1f} s.\nProved of {network} (SHA-256 {claim.network[:16]}): "
-            f"{claim.problem['name']}.\n{statement(claim.problem)}"
+        theorem = (
+            f"of {network} (SHA-256 {claim.network[:16]}): {claim.problem['name']}.\n"
+            f"{statement(claim.problem)}"
         )
+        if claim.flight:
+            terminal.say(
+                f"Accepted: the flight breaks the property by {-least:.3g}, in ball arithmetic.\n\n"
+                f"Refuted {theorem}\nflight from: {claim.flight[0]}"
+            )
+        else:
+            terminal.say(
+                f"Accepted: {count:,} cells cover the starts, and the least margin is {least:.3g}, in ball "
+                f"arithmetic; {time.monotonic() - begun:.1f} s.\nProved {theorem}"
+            )
         return 0
 
 
