@@ -247,7 +247,7 @@ def least_impulses(setup: Setup, starts: Scenario) -> np.ndarray:
     craft, task, timing = setup[:3]
     if isinstance(task, OrbitalMission):
         deadline = task.deadline[1]
-        return np.array([one.lower for one in transfer_bounds(craft, task, starts, deadline)])
+        return transfer_bounds(craft, task, starts, deadline)
     found = []
     for start in each(starts):
         one: Any = start

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.extend import ConfigError, Contest, Progress, SolverFailed, State, map_leaves, unseen
+from rans.extend import ConfigError, Contest, Progress, map_leaves, unseen
 from rans_missions.convex.approach import PortMeeting, least_to_approach
-from rans_missions.convex.holding import least_to_hold
+from rans_missions.convex.holding import least_of_mission
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, best_landing
-from rans_missions.convex.rendezvous import Meeting, rendezvous, state_of
+from rans_missions.convex.rendezvous import Meeting, state_of
+from rans_missions.vectors import numbers
 
 _SHORTEST = 2.0
 """Shortest landing that is tried, s."""
@@ -27,21 +28,22 @@ def bounded(contest: Contest) -> bool:
 
     Landings have them also with engines that are dead in every episode from the start.
     """
-    nominal = contest.conditions is None
+    conditions = contest.conditions
     problem = contest.task.optimal_problem
+    if conditions is not None and not (problem == "landing" and conditions.only_dead):
+        return False
+    fits = {
+        "landing": lambda: Lander.of(contest.craft, _dead(contest), apart=True),
+        "approach": lambda: _at_port(contest, 0),
+        "rendezvous": lambda: _meeting(contest, 0),
+    }
+    if problem not in fits:
+        return problem == "inspection" and contest.craft.propellant is None
     try:
-        if problem == "landing":
-            Lander.of(contest.craft, _dead(contest), apart=True)
-            return contest.conditions is None or contest.conditions.only_dead
-        if nominal and problem == "approach":
-            _at_port(contest, 0)
-            return True
-        if nominal and problem == "rendezvous":
-            _meeting(contest, contest.start(0).goal)
-            return True
+        fits[problem]()
     except ConfigError:
-        pass
-    return nominal and problem == "inspection" and contest.craft.propellant is None
+        return False
+    return True
 
 
 def mission_bounds(
@@ -80,17 +82,24 @@ def _lower(contest: Contest, k: int) -> float:
     if problem == "landing":
         lander = Lander.of(contest.craft, _dead(contest), apart=True)
         descent = Descent.of(task, craft=contest.craft)
+        scenario = contest.start(k)
+        start = numbers(scenario.start.p - scenario.goal.p), numbers(scenario.start.v)
         period, times = contest.timing.control_period, (_SHORTEST, contest.duration)
-        best = best_landing(lander, descent, _beside(contest, k), period, "bound", times)
+        best = best_landing(lander, descent, start, period, "bound", times)
         return math.inf if best is None else best.dual
     if problem == "approach":
         return least_to_approach(_at_port(contest, k), state_of(contest.start(k)))[0]
     if problem == "inspection":
-        start: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
+        one: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
         return inspection_bound(
-            contest.craft, task, start.start, start.goal, contest.duration, contest.timing
+            contest.craft, task, one.start, one.goal, contest.duration, contest.timing
         )
-    return _least(contest, k, _deadline(contest, k))
+    return least_of_mission(
+        _meeting(contest, k),
+        state_of(contest.start(k)),
+        _deadline(contest, k),
+        task.stay_seconds,
+    )
 
 
 def _dead(contest: Contest) -> tuple[int, ...]:
@@ -98,16 +107,9 @@ def _dead(contest: Contest) -> tuple[int, ...]:
     return () if contest.conditions is None else contest.conditions.dead
 
 
-def _beside(contest: Contest, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Position from the site, m, and velocity, m/s, of start number k, (3,) each."""
-    scenario = contest.start(k)
-    away = scenario.start.p - scenario.goal.p
-    return np.ravel(away.columns()), np.ravel(scenario.start.v.columns())
-
-
-def _meeting(contest: Contest, goal: State) -> Meeting:
+def _meeting(contest: Contest, k: int) -> Meeting:
     task: Any = contest.task
-    return Meeting.of(contest.craft, task, goal)
+    return Meeting.of(contest.craft, task, contest.start(k).goal)
 
 
 def _at_port(contest: Contest, k: int) -> PortMeeting:
@@ -118,20 +120,3 @@ def _at_port(contest: Contest, k: int) -> PortMeeting:
 def _deadline(contest: Contest, k: int) -> float:
     """Deadline of start number k, s: the first note of its goal is the time left until it."""
     return float(np.squeeze(contest.start(k).goal.notes.deadline))
-
-
-def _least(contest: Contest, k: int, deadline: float) -> float:
-    """Lower bound of the impulse of reaching the goal by a deadline (s), and staying if the task asks it, N s.
-
-    Infinite where nothing arrives, and where the solver ends without an answer.
-    """
-    start = contest.start(k)
-    state = state_of(start)
-    meeting = _meeting(contest, start.goal)
-    task: Any = contest.task
-    try:
-        if task.stay_seconds:
-            return least_to_hold(meeting, state, deadline, task.stay_seconds)
-        return rendezvous(meeting, state, deadline).lower
-    except SolverFailed:
-        return float("inf")

@@ -6,7 +6,7 @@ Bounds are proven, N s; a start without a flight is named and not averaged.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,9 +25,12 @@ from rans.extend import (
 from rans.reference.flight import fly_in_drake
 from rans.scenario import each
 from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
-from rans_missions.convex.holding import flight_that_holds, least_to_hold
+from rans_missions.convex.holding import (
+    flight_that_holds,
+    least_of_mission,
+    least_to_hold,
+)
 from rans_missions.convex.rendezvous import (
-    Answer,
     Meeting,
     MeetingTransfer,
     rendezvous,
@@ -79,15 +82,20 @@ def least_of_transfers(
     A point is held by the flight of `rans_missions.convex.holding.flight_that_holds`.
     """
     deadline = task.deadline[1]
-    answers = transfer_bounds(craft, task, starts, deadline, progress)
-    transfers = [answer.transfer for answer in answers]
-    if task.stay_seconds:
-        every = list(each(starts))
-        meeting = Meeting.of(craft, task, every[0].goal)
-        transfers = [
-            flight_that_holds(meeting, state_of(one), deadline, task.stay_seconds) for one in every
-        ]
-    return _flown(craft, task, starts, [answer.lower for answer in answers], transfers)
+    every = list(each(starts))
+    meeting = Meeting.of(craft, task, every[0].goal)
+    lower = []
+    transfers = []
+    for state in map(state_of, every):
+        if task.stay_seconds:
+            lower.append(least_to_hold(meeting, state, deadline, task.stay_seconds))
+            transfers.append(flight_that_holds(meeting, state, deadline, task.stay_seconds))
+        else:
+            answer = rendezvous(meeting, state, deadline)
+            lower.append(answer.lower)
+            transfers.append(answer.transfer)
+        progress(1)
+    return _flown(craft, task, starts, lower, transfers)
 
 
 def least_of_approaches(
@@ -109,27 +117,14 @@ def least_of_approaches(
 
 
 def transfer_bounds(
-    craft: Spacecraft,
-    task: OrbitalMission,
-    starts: Scenario,
-    deadline: float,
-    progress: Progress = unseen,
-) -> list[Answer]:
-    """Lower and upper bounds of the least impulse of every start; all have the same goal.
-
-    Where a mission asks to stay, the lower bound has the stay; transfers and their upper bound arrive only.
-    """
+    craft: Spacecraft, task: OrbitalMission, starts: Scenario, deadline: float
+) -> np.ndarray:
+    """Lower bounds (N,) of the least impulse of every start, N s; all have the same goal."""
     every = list(each(starts))
     meeting = Meeting.of(craft, task, every[0].goal)
-    answers = []
-    for scenario in every:
-        answer = rendezvous(meeting, state_of(scenario), deadline)
-        if task.stay_seconds:
-            stay = least_to_hold(meeting, state_of(scenario), deadline, task.stay_seconds)
-            answer = replace(answer, lower=max(answer.lower, stay))
-        answers.append(answer)
-        progress(1)
-    return answers
+    return np.array(
+        [least_of_mission(meeting, state_of(one), deadline, task.stay_seconds) for one in every]
+    )
 
 
 def _flown(

@@ -21,6 +21,7 @@ from rans_missions.convex.rendezvous import (
     cheapest_within_limits,
     least_impulse,
     least_over_arrivals,
+    least_to_meet,
 )
 from rans_missions.tasks.orbital import last_check
 
@@ -60,6 +61,13 @@ def flight_that_holds(
     free = [(least_impulse(meeting, start, first + stay, first=first), first) for first in arrivals]
     begun = [(one, first) for one, first in free if one is not None]
     return cheapest_within_limits(meeting, start, begun)
+
+
+def least_of_mission(meeting: Meeting, start: np.ndarray, deadline: float, seconds: float) -> float:
+    """Impulse below which no flight meets by a deadline (s), and stays for so many seconds if it is to, N s."""
+    if seconds:
+        return least_to_hold(meeting, start, deadline, seconds)
+    return least_to_meet(meeting, start, deadline)[0]
 
 
 def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds: float) -> float:

@@ -4,8 +4,8 @@ To see a point with the outward normal a at a check is a . p >= R there, which i
 a drift. If it is settled at which check each point is seen, and on which side the keep-out ball is passed, the
 flight of least impulse is a linear program. Its flight sees most points better at other checks, and so has a
 cheaper program: programs follow one another until the price no longer falls. They begin from several flights, and
-from the best one with a point left out, or seen at another time. Positions are in the Hill frame (m), burns changes
-of velocity (m/s); `tests/convex/test_inspecting.py` compares prices with certified bounds.
+from the best one with a point seen at another time, or with other burns. Positions are in the Hill frame (m), burns
+changes of velocity (m/s); `tests/convex/test_inspecting.py` compares prices with certified bounds.
 """
 
 from __future__ import annotations
@@ -179,7 +179,7 @@ class InspectionSearch:
             paths: paths from which it begins, (D, T, 3) each at `times`, m; none need be flown or inspect anything.
             hops: number of times that it begins again from the best flight, changed at random.
         """
-        found = [one for one in (self._descend(path) for path in paths) if one is not None]
+        found = [one for one in (self._descend(self._grid, path) for path in paths) if one]
         if not found:
             return None
         best = min(found, key=lambda one: one.price)
@@ -191,62 +191,58 @@ class InspectionSearch:
         return self._polished(best)
 
     def _hop(self, best: _Found, random: np.random.Generator) -> _Found | None:
-        """Begin again from a flight with a dear point left out or seen at another time, or with other burns.
+        """Begin again from a flight that sees a dear point at another time, or with other burns.
 
         Published prices are those of these draws in this order; another order finds other flights of the same seed.
         """
-        path = self._grid.path(best.burns)
-        way = random.random() if len(best.dear) else 1.0
-        if way < 0.4:
+        if len(best.dear) and random.random() < 0.7:
             point = int(random.choice(best.dear))
             width = int(random.integers(5, 60))
             check = int(best.checks[point])
-            return self._descend(path, best.price, later=(point, check - width, check + width + 1))
-        if way < 0.7:
-            count = min(len(best.dear), int(random.integers(1, 3)))
-            out = random.choice(best.dear, size=count, replace=False)
-            return self._descend(path, best.price, out=out)
+            later = point, slice(max(check - width, 0), check + width + 1)
+            return self._descend(self._grid, self._grid.path(best.burns), best.price, later)
         noise = 0.3 * random.normal(size=len(best.burns)) * (random.random(len(best.burns)) < 0.5)
         burns = best.burns * (1.0 + noise)
         slot = 3 * int(random.integers(len(burns) // 3))
         burns[slot : slot + 3] += random.normal(size=3) * _KICK * random.random()
-        return self._descend(self._grid.path(burns), best.price)
+        return self._descend(self._grid, self._grid.path(burns), best.price)
 
     def _descend(
         self,
+        grid: _Grid,
         path: np.ndarray,
         best: float = math.inf,
-        later: tuple[int, int, int] | None = None,
-        out: np.ndarray | None = None,
+        later: tuple[int, slice] | None = None,
     ) -> _Found | None:
         """Programs from a path until the price no longer falls.
 
         Args:
+            grid: times of checks and burns.
             path: (D, T, 3).
             best: price of the best flight known, m/s.
-            later: a point that the first program does not see between two checks.
-            out: points that the first program leaves out.
+            later: a point, and checks at which the first program does not see it.
         """
         result: _Found | None = None
         last = math.inf
         for turn in range(_ROUNDS):
-            heights = self._heights(self._grid, path)
+            heights = (path @ self._normals.T + grid.base).reshape(-1, len(self._normals))
             if turn == 0 and later is not None:
-                point, begin, end = later
-                heights[max(begin, 0) : end, point] = _NEVER
+                point, hidden = later
+                heights[hidden, point] = _NEVER
             checks = heights.argmax(axis=0)
             highest = heights.max(axis=0)
-            if turn == 0 and out is not None:
-                highest[out] = _NEVER
-            points = self._easiest(highest)
-            solved = None
-            if not len(points) or highest[points].min() > 0.5 * _NEVER:
-                solved = self._solved(self._grid, path, points, checks, highest)
+            # The points that are easiest to see, as many as are asked for, without those seen before.
+            highest[self._known] = math.inf
+            points = np.argsort(-highest, kind="stable")[: self._asked]
+            points = points[~self._known[points]]
+            if len(points) and highest[points].min() <= 0.5 * _NEVER:
+                break
+            solved = self._solved(grid, path, points, checks, highest)
             if solved is None:
                 break
             price, burns, dear = solved
-            path = self._grid.path(burns)
-            finish = self._judged(self._grid, path)
+            path = grid.path(burns)
+            finish = self._judged(grid, path)
             if finish is not None and (result is None or price < result.price):
                 result = _Found(price, burns, finish, checks, dear)
             if price > (1.0 - _CONVERGED) * last or (turn >= _PATIENT and price > _HOPELESS * best):
@@ -259,8 +255,7 @@ class InspectionSearch:
 
         None: it inspects too little.
         """
-        count = len(self._starts)
-        found = best.burns.reshape(count, -1, 3)
+        found = best.burns.reshape(len(self._starts), -1, 3)
         used = np.flatnonzero(np.abs(found).max(axis=(0, 2)))
         slots = self._grid.slots[used, None] + np.arange(-_AROUND, _AROUND + 1)
         slots = slots[(slots >= 0) & (slots < int(self._within / self._period))]
@@ -268,39 +263,15 @@ class InspectionSearch:
         slots = np.unique([0, *slots])
         grid = self._gridded(self._check_time, slots)
         # The same flight on the finer grid.
-        burns = np.zeros((count, len(slots), 3))
+        burns = np.zeros((len(found), len(slots), 3))
         burns[:, np.searchsorted(slots, self._grid.slots[used])] = found[:, used]
-        result: Burns | None = None
-        path = grid.path(burns.ravel())
-        for _ in range(_PATIENT):
-            heights = self._heights(grid, path)
-            highest = heights.max(axis=0)
-            points = self._easiest(highest)
-            solved = self._solved(grid, path, points, heights.argmax(axis=0), highest)
-            if solved is None:
-                break
-            price, flown, _ = solved
-            path = grid.path(flown)
-            finish = self._judged(grid, path)
-            if finish is not None and (result is None or price < result.price):
-                changes = flown.reshape(count, -1, 3)
-                kept = np.flatnonzero(np.abs(changes).max(axis=(0, 2)))
-                result = Burns(price, slots[kept], changes[:, kept], float(grid.times[finish]))
-        return result
-
-    def _heights(self, grid: _Grid, path: np.ndarray) -> np.ndarray:
-        """Heights above the horizons of all points at the checks of one craft after another, (D T, points) m."""
-        heights = path @ self._normals.T + grid.base
-        return heights.reshape(-1, len(self._normals))
-
-    def _easiest(self, highest: np.ndarray) -> np.ndarray:
-        """The points that are easiest to see, as many as are asked for, without those seen before, (M,).
-
-        Heights (points,) of the latter become infinite.
-        """
-        highest[self._known] = math.inf
-        points = np.argsort(-highest, kind="stable")[: self._asked]
-        return points[~self._known[points]]
+        polished = self._descend(grid, grid.path(burns.ravel()))
+        if polished is None:
+            return None
+        changes = polished.burns.reshape(burns.shape)
+        kept = np.flatnonzero(np.abs(changes).max(axis=(0, 2)))
+        finish = float(grid.times[polished.finish])
+        return Burns(polished.price, slots[kept], changes[:, kept], finish)
 
     def _judged(self, grid: _Grid, path: np.ndarray) -> int | None:
         """Check at which paths (D, T, 3) (m) have inspected enough.

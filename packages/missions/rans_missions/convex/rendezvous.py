@@ -440,24 +440,23 @@ _INSTANTS = 300
 """Instants at which the bound is sharpened at most."""
 
 
-def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
-    """Least impulse with which a spacecraft meets by a deadline, bounded from both sides.
+def least_to_meet(
+    meeting: Meeting, start: np.ndarray, deadline: float
+) -> tuple[float, list[MeetingTransfer]]:
+    """Impulse below which no flight meets by a deadline, N s, and nearly the cheapest without limits, by impulse.
 
     Branch and bound over the instants of the meeting: multipliers bound all of them at once, and where the bound
-    is lowest it is sharpened, until it is close to the impulse of a flight.
+    is lowest it is sharpened, until it is close to the impulse of a flight. Infinite: it is proved that nothing
+    meets.
 
     Args:
         meeting: what is to be done.
         start: (2 d,) position and velocity in W.
         deadline: s.
-
-    Raises:
-        SolverFailed: no meeting by the deadline is possible.
     """
     last = last_check(deadline, meeting.interval)
     last = min(last, meeting.timing.checks * meeting.timing.episode_steps)
     bounds, flights = instant_bounds(meeting, start, last)
-    # Sharpen where the bound is weakest, until it is close to a flight.
     for _ in range(_INSTANTS):
         cheapest = min((flight.impulse for flight in flights.values()), default=np.inf)
         weakest = int(np.argmin(bounds))
@@ -468,13 +467,27 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
             flights[weakest] = found
         elif np.isfinite(bounds[weakest]):
             break
-    if not flights:
+    order = sorted(flights.values(), key=lambda flight: flight.impulse)
+    near = [one for one in order if one.impulse <= (1.0 + _WITHIN) * order[0].impulse]
+    return float(np.min(bounds)), near
+
+
+def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
+    """Least impulse with which a spacecraft meets by a deadline, bounded from both sides.
+
+    Args:
+        meeting: what is to be done.
+        start: (2 d,) position and velocity in W.
+        deadline: s.
+
+    Raises:
+        SolverFailed: no meeting by the deadline is possible.
+    """
+    lower, near = least_to_meet(meeting, start, deadline)
+    if not near:
         raise SolverFailed("no meeting by the deadline is possible: the thrusters are too weak.")
-    free = min(flights.values(), key=lambda flight: flight.impulse)
-    # As cheap as that one, but for what the search leaves open.
-    near = [one for one in flights.values() if one.impulse <= (1.0 + _WITHIN) * free.impulse]
     transfer = cheapest_within_limits(meeting, start, [(one, one.check) for one in near])
-    return Answer(float(np.min(bounds)), transfer, free)
+    return Answer(lower, transfer, near[0])
 
 
 def cheapest_within_limits(
