@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import lsq_linear
@@ -247,19 +246,15 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
         for beginning in _FIRST_LATENCIES:
             values = nominal.copy()
             values[latency] = beginning
-            solver = _solver(craft, dated, short, values)
+            solver = _Solver(craft, dated, short, values)
             solver.solve(_FEW)
             solvers.append((solver.evidence(), len(solvers), solver, dated))
     _, _, near, logs = min(solvers)
     near.solve()
     if near.values[latency] <= 0.0:
         _check_order(near, craft, logs, short)
-    fitted = _fitted(craft, logs, first, near.values, near.noise)
+    fitted = _Solver(craft, logs, first, near.values, near.noise).fit()
     return fitted if window is not None else _longest(fitted)
-
-
-def _solver(craft: Spacecraft, logs: Sequence[FlightLog], *settings: Any) -> _Solver:
-    return _Solver(craft, _one_behind_the_other(logs), *settings)
 
 
 def _check_order(
@@ -271,7 +266,7 @@ def _check_order(
     the same length, s.
     """
     early = [replace(log, command_times=log.command_times - log.period) for log in logs]
-    solver = _solver(craft, early, window, near.values)
+    solver = _Solver(craft, early, window, near.values)
     solver.solve()
     if near.evidence() - solver.evidence() > UNLIKELY**2:
         raise ConfigError(
@@ -294,19 +289,6 @@ def _steady(log: FlightLog) -> FlightLog:
     return replace(log, command_times=log.steady_times, notes=(*log.notes, note))
 
 
-def _fitted(
-    craft: Spacecraft,
-    logs: Sequence[FlightLog],
-    window: float,
-    values: np.ndarray,
-    noise: dict[str, float],
-) -> Fit:
-    """Fit over windows of a length, s, from values (P,) and noise near those at the optimum."""
-    solver = _solver(craft, logs, window, values, noise)
-    solver.solve()
-    return solver.fit(logs, window)
-
-
 def _longest(fitted: Fit) -> Fit:
     """The fit over the longest windows, by doubling, that the model explains.
 
@@ -316,7 +298,8 @@ def _longest(fitted: Fit) -> Fit:
     """
     longest = max(log.duration for log in fitted.logs)
     while (window := fitted.window) < min(longest, _LONGEST) and fitted.is_white():
-        longer = _fitted(fitted.craft, fitted.logs, 2.0 * window, fitted.values, fitted.noise)
+        start = fitted.values, fitted.noise
+        longer = _Solver(fitted.craft, fitted.logs, 2.0 * window, *start).fit()
         moved = np.abs(longer.values - fitted.values) / fitted.deviations
         if moved.max() > UNLIKELY or not longer.is_white():
             break
@@ -384,7 +367,7 @@ class _Linear:
 class _Solver:
     """Gauss-Newton iterations from one set of values; `solve` changes values, starts, path and noise together.
 
-    Logs follow one another in time (`_one_behind_the_other`). All windows (W) have as many readings (M) as the
+    All windows (W) have as many readings (M) as the
     longest: shorter ones repeat their last instant, at which nothing is measured.
     """
 
@@ -405,19 +388,28 @@ class _Solver:
             [(one.prior, one.nominal, one.least) for one in self.parameters]
         ).T
         # The windows of all logs.
-        parts = [(log, part) for log in logs for part in windows_of(log, window)]
-        self.counts = [part.stop - part.start for _, part in parts]
-        most = max(self.counts)
-        self.times = np.empty((len(parts), most))
-        states = [
-            np.column_stack([log.position, log.attitude, log.velocity, log.spin]) for log in logs
-        ]
-        self.readings = np.full((len(parts), most, states[0].shape[1]), np.nan)
-        tables = {id(log): table for log, table in zip(logs, states, strict=True)}
-        for k, (log, part) in enumerate(parts):
-            self.times[k] = np.pad(log.times[part], (0, most - self.counts[k]), mode="edge")
-            self.readings[k, : self.counts[k]] = tables[id(log)][part]
-        self.thrusts = Thrust.of(craft, logs)
+        self.logs = logs
+        behind = _one_behind_the_other(logs)
+        times = []
+        readings = []
+        for log in behind:
+            states = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
+            for part in windows_of(log, window):
+                times.append(log.times[part])
+                readings.append(states[part])
+        self.window = window
+        self.counts = [len(part) for part in times]
+        more = [max(self.counts) - count for count in self.counts]
+        self.times = np.stack(
+            [np.pad(x, (0, n), mode="edge") for x, n in zip(times, more, strict=True)]
+        )
+        self.readings = np.stack(
+            [
+                np.pad(x, ((0, n), (0, 0)), constant_values=np.nan)
+                for x, n in zip(readings, more, strict=True)
+            ]
+        )
+        self.thrusts = Thrust.of(craft, behind)
         # Where no velocity was measured, windows begin at rest; the fit moves them.
         self.starts = np.nan_to_num(self.readings[:, 0])
         self.values = values
@@ -616,8 +608,9 @@ class _Solver:
             if free[name] > 0.3 * total[name]
         }
 
-    def fit(self, logs: Sequence[FlightLog], window: float) -> Fit:
-        """The result of `solve`, with the logs as they were and the length of the windows, s."""
+    def fit(self) -> Fit:
+        """The result of `solve`."""
+        self.solve()
 
         def in_order(path: np.ndarray) -> np.ndarray:
             rows = zip(self._residuals(path), self.counts, strict=True)
@@ -631,7 +624,7 @@ class _Solver:
             self.noise,
             in_order(self.path),
             in_order(self._path(self.nominal, self.starts)),
-            tuple(logs),
-            window,
+            tuple(self.logs),
+            self.window,
             self.coasting(),
         )

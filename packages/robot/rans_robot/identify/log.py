@@ -36,10 +36,19 @@ _BOUNDS = {
 }
 """Largest readings, far above those of any laboratory; a heading of 1e6 rad still has nine digits of an angle."""
 
-POSE_COLUMNS = {2: ("x", "y", "heading"), 3: ("x", "y", "z", "qw", "qx", "qy", "qz")}
-"""Columns of a CSV file with the pose: m, and rad or the unit quaternion from body to world."""
-RATE_COLUMNS = {2: ("vx", "vy", "spin"), 3: ("vx", "vy", "vz", "wx", "wy", "wz")}
-"""Columns of a CSV file with the velocity in the world, m/s, and the angular velocity in the body, rad/s."""
+_COLUMNS = {
+    2: {"x": "m", "y": "m", "heading": "rad", "vx": "m/s", "vy": "m/s", "spin": "rad/s"},
+    3: {
+        **dict.fromkeys("xyz", "m"),
+        **dict.fromkeys(("qw", "qx", "qy", "qz"), ""),
+        **dict.fromkeys(("vx", "vy", "vz"), "m/s"),
+        **dict.fromkeys(("wx", "wy", "wz"), "rad/s"),
+    },
+}
+"""Columns of a CSV file with their units, by the dimension: the pose (of a unit quaternion from body to world), the
+velocity in the world and the angular velocity in the body."""
+SIZES = {2: (2, 1, 2, 1), 3: (3, 4, 3, 3)}
+"""Entries of position, attitude, velocity and spin in a state, by the dimension."""
 
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units in parentheses that the heading of times may have, s."""
@@ -260,8 +269,8 @@ def _spelled(cell: str) -> str:
 def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     """Log of a CSV file whose first line names its columns.
 
-    ``time`` (s) is needed, the pose (`POSE_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on; the
-    velocities (`RATE_COLUMNS`) may be missing. An empty cell is a value that was not measured, or the last command;
+    ``time`` (s) is needed, the pose (`_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on; the
+    velocities may be missing. An empty cell is a value that was not measured, or the last command;
     an empty line counts as none. The file that
     `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
     and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
@@ -278,13 +287,10 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     header = tuple(_spelled(cell) for cell in table.header)
     inputs = [f"u{k}" for k in range(craft.command_count)]
     d = craft.dimension
-    needed = ["time", *POSE_COLUMNS[d], *inputs]
+    needed = ["time", *list(_COLUMNS[d])[: sum(SIZES[d][:2])], *inputs]
     units = {
         "time": tuple(_SECONDS),
-        **dict.fromkeys(POSE_COLUMNS[d][:d], ("m",)),
-        **dict.fromkeys(POSE_COLUMNS[d][d:], ("rad",) if d == 2 else ()),
-        **dict.fromkeys(RATE_COLUMNS[d][:d], ("m/s",)),
-        **dict.fromkeys(RATE_COLUMNS[d][d:], ("rad/s",)),
+        **{name: (unit,) if unit else () for name, unit in _COLUMNS[d].items()},
         **dict.fromkeys(inputs, ()),
     }
     places = replace(table, header=header).columns(units)
@@ -309,17 +315,11 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     _, _, unit = header[places["time"]].partition("(")
     time = numbers["time"] * _SECONDS[unit.rstrip(") ") or "s"]
 
-    def columns(names: tuple[str, ...] | list[str]) -> np.ndarray:
-        return np.column_stack([numbers[name] for name in names])
-
     # Lines with a command, and lines with a reading.
-    pose = columns(POSE_COLUMNS[d])
-    rates = columns(RATE_COLUMNS[d])
-    commands = columns(inputs)
-    has_command = ~np.isnan(commands).any(axis=1)
-    measured = ~np.isnan(pose).all(axis=1) | ~np.isnan(rates).all(axis=1)
-    given = np.flatnonzero(has_command)
-    taken = np.flatnonzero(measured)
+    readings = np.column_stack([numbers[name] for name in _COLUMNS[d]])
+    commands = np.column_stack([numbers[name] for name in inputs])
+    given = np.flatnonzero(~np.isnan(commands).any(axis=1))
+    taken = np.flatnonzero(~np.isnan(readings).all(axis=1))
     early = {"command": unstamped(time[given]), "reading": unstamped(time[taken])}
     given = given[early["command"] :]
     taken = taken[early["reading"] :]
@@ -330,14 +330,9 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     ]
     if others := [cell for k, cell in enumerate(table.header) if k not in places.values()]:
         notes.append(f"{file}: columns that were not read: {brief(', '.join(others))}.")
+    parts = np.split(readings[taken], np.cumsum(SIZES[d])[:-1], axis=1)
+    if d == 2:
+        parts[1::2] = [part[:, 0] for part in parts[1::2]]
     return FlightLog(
-        str(file),
-        time[given],
-        commands[given],
-        time[taken],
-        pose[taken, :d],
-        pose[taken, 2] if d == 2 else pose[taken, 3:],
-        rates[taken, :d],
-        rates[taken, 2] if d == 2 else rates[taken, 3:],
-        tuple(notes),
+        str(file), time[given], commands[given], time[taken], *parts, notes=tuple(notes)
     )

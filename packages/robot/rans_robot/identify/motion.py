@@ -16,13 +16,11 @@ import numpy as np
 
 from rans.extend import ConfigError, Quat, Spacecraft, Vec3, Wrench, leaves, map_leaves
 from rans.model.dynamics import thrust
-from rans_robot.identify.log import FlightLog
+from rans_robot.identify.log import SIZES, FlightLog
 
 STEP = 0.02
 """s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
 2e-4 rad under 4 rad/s^2, far below the noise of readings."""
-_SIZES = {2: (2, 1, 2, 1), 3: (3, 4, 3, 3)}
-"""Entries of position, attitude, velocity and spin in a state, by the dimension."""
 _FEW_WINDOWS = 4
 """Up to so many windows in space are predicted one after the other, in floats: a step of floats takes a quarter of
 the time of one of arrays, however few their entries are."""
@@ -205,7 +203,7 @@ def moved(
     """
     # The motion about the centre of mass, and the force in W in the middle of each step.
     d = craft.dimension
-    position, attitude, velocity, spin = np.split(start, np.cumsum(_SIZES[d][:-1]), axis=1)
+    position, attitude, velocity, spin = np.split(start, np.cumsum(SIZES[d][:-1]), axis=1)
     turned = _turned if d == 2 else _turned_in_space
     attitudes, spins, pushed = turned(
         physics, attitude, spin, wrench[..., :d], wrench[..., d:], step
