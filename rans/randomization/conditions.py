@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from itertools import accumulate
+from itertools import accumulate, product
 from operator import attrgetter
 from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
@@ -257,20 +257,21 @@ class Conditions(NamedArguments, Settings):
         if tank is None:
             return
         full = Body.of(craft)
-        away = np.zeros(craft.dimension)
+        # The centre of mass as far as can be, away from the tank and in directions all around: a body that is thin
+        # about an axis through the tank loses most where the centre moves across that axis.
+        around = np.array(list(product((-1.0, 0.0, 1.0), repeat=craft.dimension)))
         if tank.position is not None:
             arm = np.subtract(craft.centre_of_mass, tank.position)[: craft.dimension]
-            # From a tank at the centre of mass, any direction is away.
-            distance = float(np.linalg.norm(arm))
-            away = arm / distance if distance else np.eye(craft.dimension)[0]
+            around = np.vstack([around, arm])
+        lengths = np.linalg.norm(around, axis=1, keepdims=True)
+        directions = around / np.maximum(lengths, 1e-12)
         for part in (self, *self.others):
             mass, inertia = (bounds(x)[0] for x in (part.body.mass, part.body.inertia))
-            # The centre of mass as far from the tank as can be.
             body = replace(
                 full,
                 mass=mass * craft.mass,
                 inertia=tuple(inertia * x for x in full.inertia),
-                centre=tuple((largest(part.body.centre) * away).tolist()),
+                centre=tuple(largest(part.body.centre) * directions.T),
             )
             try:
                 check_stores(craft, body)
