@@ -99,13 +99,11 @@ def certified_least_fuel(
         Unreachable: no on/off controller can be in the goal set at that time.
         ConfigError: see `Bounder.least_fuel`; or the number of periods is none.
     """
-    _check_steps(steps)
-    began = time.monotonic()
-    result = bounder.least_fuel(problem, steps, effort)
-    upper = math.inf
-    if result.commands is not None:
-        upper = fuel(bounder.craft, result.commands, bounder.period)
-    return _certificate(result, upper, began)
+    return _certified(
+        lambda: bounder.least_fuel(problem, steps, effort),
+        steps,
+        lambda commands: fuel(bounder.craft, commands, bounder.period),
+    )
 
 
 def certified_least_time(
@@ -116,13 +114,13 @@ def certified_least_time(
     Raises:
         ConfigError: see `Bounder.least_time`; or the number of periods is none.
     """
-    _check_steps(most_steps)
-    if bounder.contains(problem):
-        return Certificate(lower=0.0, upper=0.0, commands=None, dual=0.0, nodes=0, seconds=0.0)
-    began = time.monotonic()
-    result = bounder.least_time(problem, most_steps, effort)
-    upper = math.inf if result.commands is None else len(result.commands) * bounder.period
-    return _certificate(result, upper, began)
+
+    def search() -> Found:
+        if bounder.contains(problem):
+            return Found(0.0, np.zeros((0, bounder.craft.thruster_count)), 0.0, 0)
+        return bounder.least_time(problem, most_steps, effort)
+
+    return _certified(search, most_steps, lambda commands: len(commands) * bounder.period)
 
 
 MakeBounder = Callable[[Spacecraft, float], Bounder]
@@ -171,26 +169,28 @@ def bounder(craft: Spacecraft, period: float) -> Bounder:
     return BOUNDERS["space"](craft, period)
 
 
-def _certificate(result: Found, upper: float, began: float) -> Certificate:
-    """Certificate of commands that need this much fuel or time; commands without any pulse are left out.
+def _certified(
+    search: Callable[[], Found], steps: int, amount: Callable[[np.ndarray], float]
+) -> Certificate:
+    """Certificate of what a search finds, whose commands need an amount of fuel or time.
 
     A start in the goal set needs no pulse, and its certificate has no commands.
+
+    Raises:
+        ConfigError: the number of control periods is none.
     """
-    commands = result.commands if upper > 0.0 else None
-    seconds = time.monotonic() - began
-    return Certificate(
-        lower=result.lower,
-        upper=upper,
-        commands=commands,
-        dual=result.dual,
-        nodes=result.nodes,
-        seconds=seconds,
-    )
-
-
-def _check_steps(steps: int) -> None:
-    """Refuse (`ConfigError`) what is no number of control periods."""
     if not isinstance(steps, int) or steps < 1:
         raise ConfigError(
             f"the certificate needs at least one control period, a whole number, got {steps}."
         )
+    began = time.monotonic()
+    result = search()
+    upper = math.inf if result.commands is None else amount(result.commands)
+    return Certificate(
+        lower=result.lower,
+        upper=upper,
+        commands=result.commands if upper > 0.0 else None,
+        dual=result.dual,
+        nodes=result.nodes,
+        seconds=time.monotonic() - began,
+    )

@@ -6,7 +6,7 @@ Arrays are (columns, T), and s (T,) is the elapsed share of the duration; a gues
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from functools import cache
 from typing import Any
 
@@ -15,10 +15,8 @@ import numpy as np
 from rans.model.dynamics import State
 from rans.model.fields import (
     Attitude,
-    Field,
     Heading,
     Quat,
-    Vec3,
     leaves,
     map_leaves,
     wrap,
@@ -26,6 +24,8 @@ from rans.model.fields import (
 from rans.model.spacecraft import Spacecraft
 from rans.optimal.trajectory.allocation import Allocation, inertia
 
+_STEP = 1e-4
+"""Share of the duration over which rates are differences: they are wrong by 1e-8 of the largest."""
 _BOW = 0.3
 """Sideways, of the way to go: standard deviation over the further guesses."""
 _OFF_AXIS = 0.6
@@ -69,125 +69,79 @@ def guess(
     between two of these no gradient says which one.
     """
     s = np.arange(1, intervals + 1) / intervals
-    p, v = _translation(aims, start, goal, duration, s)
-    # A bow vanishes at both ends, and so does its rate.
-    bow = 16.0 * (s * (1 - s)) ** 2
-    rate = 32.0 * s * (1 - s) * (1 - 2 * s) / duration
-    random = np.random.default_rng(number)
-    if number >= 2:
-        size = _BOW * np.linalg.norm(p[:, -1] - np.array(start.p.columns()))
-        sideways = random.normal(size=(len(p), 1)) * size
-        p = p + sideways * bow
-        v = v + sideways * rate
-    if number > 0 and not {"attitude", "spin"} & set(aims):
-        attitude, w = _turning(start, duration, s, number)
-    else:
-        attitude, w = _rotation(aims, start, goal, duration, s, long_way=number % 2 == 1)
-        if number > 0:
-            attitude, w = _bowed(attitude, w, random.normal(size=len(w)) * _OFF_AXIS, bow, rate)
-    return np.vstack([p, attitude, v, w])
+    path = _path(aims, start, goal, duration, number)
+    p, attitude = path(s)
+    # Rates are central differences, as exact as a guess can use.
+    (before, first), (after, last) = (path(s + step) for step in (-_STEP, _STEP))
+    kind: Any = type(start.attitude)
+    turned = rotation_vector(kind(*first).to(kind(*last)))
+    time = 2.0 * _STEP * duration
+    return np.vstack([p, attitude, (after - before) / time, turned / time])
 
 
-def _translation(
-    aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Cubic in time (Hermite), or constant acceleration without a goal position: p and v, (d, T).
+def _path(
+    aims: Collection[str], start: State, goal: State, duration: float, number: int
+) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Position (2 or 3, T) and attitude (1 or 4, T) over the elapsed share of the duration, s, (T,).
 
-    `s` (T,) is the elapsed share of the duration (s).
+    Positions are cubic in time (Hermite), or of constant acceleration without a goal position. Turns to an attitude
+    are about one axis at the pace 3 s^2 - 2 s^3; the rates of start and goal are not matched. Other turns have
+    constant angular acceleration. Guesses of one number are the same in every process.
     """
     p0, p1, v0, v1 = (np.array(x.columns())[:, None] for x in (start.p, goal.p, start.v, goal.v))
     if "velocity" not in aims:
         v1 = v0
     if "position" not in aims:
         p1 = p0 + 0.5 * duration * (v0 + v1)
-    offset = p1 - p0
-    before = duration * v0
-    after = duration * v1
-    square = 3.0 * offset - 2.0 * before - after
-    cube = before + after - 2.0 * offset
-    return (
-        p0 + s * (before + s * (square + s * cube)),
-        (before + s * (2.0 * square + s * 3.0 * cube)) / duration,
-    )
+    offset, first, last = p1 - p0, duration * v0, duration * v1
+    random = np.random.default_rng(number)
+    sideways = np.zeros((len(p0), 1))
+    if number >= 2:
+        sideways = random.normal(size=sideways.shape) * _BOW * np.linalg.norm(offset)
 
-
-def _rotation(
-    aims: Collection[str], start: State, goal: State, duration: float, s: np.ndarray, long_way: bool
-) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and w of a turn about one axis at the pace 3 s^2 - 2 s^3, or with constant angular acceleration.
-
-    Where an attitude is asked for, the rates of start and goal are not matched. `s` (T,) is the elapsed share of
-    the duration (s); results are (2 or 4, T) and (1 or 3, T).
-    """
-    if "attitude" in aims:
+    spins = [np.array(x.spin()) for x in (start, goal if "spin" in aims else start)]
+    turns_freely = number > 0 and not {"attitude", "spin"} & set(aims)
+    turn = np.zeros(len(spins[0]))
+    if turns_freely:
+        axis = np.array([(-1.0) ** number])
+        if len(turn) == 3:
+            axis = np.random.default_rng(number).normal(size=3)
+        turn = axis / np.linalg.norm(axis) * math.pi / 4.0 * ((number + 1) // 2)
+    elif "attitude" in aims:
         turn = rotation_vector(start.attitude.to(goal.attitude))
-        if long_way:
+        if number % 2 == 1:
             angle = float(np.linalg.norm(turn))
             turn = (turn / angle if angle > 0 else np.eye(len(turn))[-1]) * (angle - math.tau)
-        pace = s * s * (3.0 - 2.0 * s)
-        rate = 6.0 * s * (1.0 - s) / duration
-        # the axis is the same in W relative to the start and in B throughout
-        return _turned(start.attitude, turn, pace), np.outer(turn, rate)
-    first, last = (np.array(x.spin()) for x in (start, goal if "spin" in aims else start))
-    attitude = start.attitude
-    columns = []
-    for fraction in s - 0.5 / len(s):  # each interval with its mean rate
-        step = (first + fraction * (last - first)) * duration / len(s)
-        columns.append(_turned(attitude, step, np.ones(1))[:, 0])
-        attitude = type(attitude)(*columns[-1])
-    return np.array(columns).T, first[:, None] + np.outer(last - first, s)
+    aside = np.zeros(len(turn))
+    if number > 0 and not turns_freely:
+        aside = random.normal(size=len(turn)) * _OFF_AXIS
+
+    def path(s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        square = 3.0 * offset - 2.0 * first - last
+        cube = first + last - 2.0 * offset
+        # A bow vanishes at both ends, and so does its rate.
+        bow = 16.0 * (s * (1 - s)) ** 2
+        p = p0 + s * (first + s * (square + s * cube)) + sideways * bow
+        # A free turn is done after a third of the time.
+        share = np.clip(3.0 * s, 0.0, 1.0) if turns_freely else s
+        vectors = np.outer(turn, share * share * (3.0 - 2.0 * share))
+        if not turns_freely and "attitude" not in aims:
+            rates = np.outer(spins[0], s) + np.outer(spins[1] - spins[0], 0.5 * s * s)
+            vectors = rates * duration
+        return p, _turned(start.attitude, vectors, np.outer(aside, bow))
+
+    return path
 
 
-def _bowed(
-    attitude: np.ndarray, w: np.ndarray, sideways: np.ndarray, bow: np.ndarray, rate: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and w of a turn with a further one at every instant.
-
-    Args:
-        attitude: (1, N) headings or (4, N) quaternions of the turn.
-        w: (1, N) or (3, N) its angular velocities, rad/s.
-        sideways: (1,) or (3,) axis in B times angle of the further turn at its largest, rad.
-        bow: (N,) size of the further turn, 0 at both ends.
-        rate: (N,) its derivative, 1/s.
-    """
-    if len(w) == 1:
-        return attitude + np.outer(sideways, bow), w + np.outer(sideways, rate)
-    before = Quat(*attitude)
-    further = Quat(*_turned(Quat(1.0, 0.0, 0.0, 0.0), sideways, bow))
-    # Rates add in the axes of the body, which has turned further.
-    spin = further.inverse().rotate(Vec3(*w))
-    return (
-        np.array(leaves(before.times(further))),
-        np.array(spin.columns()) + np.outer(sideways, rate),
-    )
-
-
-def _turning(
-    start: State, duration: float, s: np.ndarray, number: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Attitude and w over shares s (T,) of a turn that is done after a third of the time, to anywhere.
-
-    Guesses of one number are the same in every process, so that multi-start results are repeatable.
-    """
-    if isinstance(start.attitude, Heading):
-        turn = np.array([(-1.0) ** number * math.pi / 4.0 * ((number + 1) // 2)])
-    else:
-        axis = np.random.default_rng(number).normal(size=3)
-        turn = axis / np.linalg.norm(axis) * math.pi / 4.0 * ((number + 1) // 2)
-    fraction = np.minimum(3.0 * s, 1.0)
-    pace = fraction * fraction * (3.0 - 2.0 * fraction)
-    rate = 18.0 * fraction * (1.0 - fraction) / duration
-    return _turned(start.attitude, turn, pace), np.outer(turn, rate)
-
-
-def _turned(attitude: Any, turn: np.ndarray, pace: Field) -> np.ndarray:
-    """The attitude after each share of a turn: (1, N) heading or (4, N) quaternion."""
+def _turned(attitude: Any, *turns: np.ndarray) -> np.ndarray:
+    """Heading (1, N) or quaternion (4, N) after turns by vectors (1 or 3, N), rad, in the axes of an attitude."""
     if isinstance(attitude, Heading):
-        return np.array([attitude.angle + turn[0] * pace])
-    angle = float(np.linalg.norm(turn))
-    axis = turn / angle if angle > 0 else turn
-    x, y, z = np.outer(axis, np.sin(0.5 * angle * pace))
-    return np.array(leaves(attitude.times(Quat(np.cos(0.5 * angle * pace), x, y, z))))
+        return np.array([attitude.angle + sum(turn[0] for turn in turns)])
+    for turn in turns:
+        angle = np.linalg.norm(turn, axis=0)
+        x, y, z = turn * 0.5 * np.sinc(angle / math.tau)
+        attitude = attitude.times(Quat(np.cos(0.5 * angle), x, y, z))
+    return np.array(leaves(attitude))
 
 
 def needed_wrenches(craft: Spacecraft, path: Any, period: float) -> np.ndarray:
