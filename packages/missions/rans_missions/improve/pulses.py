@@ -15,13 +15,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses
+from rans.evaluation.measure.metrics import impulses, won
 from rans.extend import Flight, Scenario, Setup, Task, fly, last_fifth, map_leaves
 from rans.model.coordinates import coordinates
 from rans_missions.improve.following import MANNERS, Following
-from rans_missions.improve.judging import COPIES, Best, judged
 from rans_missions.script import Script
 
+COPIES = 256
+"""Changed copies of the flights of each start in a round: a step of one flight takes as long as that of some
+hundred."""
 _PARENTS = 16
 """Flights of each start that are kept."""
 _LUCK = 2.0
@@ -51,6 +53,44 @@ _BEAM = 200
 """Sets of changes to which one more is added, of each weight."""
 _WEIGHTS = (1.0, 10.0, 0.1)
 """Weights of broken limits by which sets are chosen: what mends a limit misses the goal at first."""
+
+
+@dataclass
+class Best:
+    """The cheapest flights that solve their task, from each start."""
+
+    commands: np.ndarray
+    """(T, N, thrusters), 0 or 1."""
+    cost: np.ndarray
+    """(N,) N s; infinite: there is none."""
+    flown: int = 0
+    """Flights that were judged."""
+    rounds: int = 0
+    """Rounds of the search."""
+
+    def judge(self, flight: Flight, starts: np.ndarray) -> np.ndarray:
+        """Impulse of each of M flights, see `judged`; those that are cheaper take their places.
+
+        Args:
+            flight: M flights.
+            starts: number of the start of each, (M,).
+        """
+        self.flown += len(starts)
+        spent = judged(flight)
+        steps = len(flight.commands)
+        for number in np.flatnonzero(np.isfinite(spent)):
+            start = starts[number]
+            if spent[number] < self.cost[start]:
+                last = steps if flight.lengths is None else int(flight.lengths[number])
+                self.commands[:, start] = 0.0
+                self.commands[:last, start] = flight.commands[:last, number]
+                self.cost[start] = spent[number]
+        return spent
+
+
+def judged(flight: Flight) -> np.ndarray:
+    """Impulse of each flight, (N,) N s; infinite where it does not solve its task, by the engine's own checks."""
+    return np.where(won(flight) & ~flight.failed(), impulses(flight), np.inf)
 
 
 @dataclass
@@ -158,13 +198,8 @@ def search_pulses(
         many = map_leaves(lambda x: np.broadcast_to(x, count)[rows], starts)
         every = np.concatenate(commands).swapaxes(0, 1)
         flight = fly(craft, task, Script(every), many, timing)
-        best.flown += len(rows)
-        spent = judged(flight)
+        spent = best.judge(flight, rows)
         solved = np.isfinite(spent)
-        for number in np.flatnonzero(solved):
-            row = int(rows[number])
-            if spent[number] < best.cost[row]:
-                best.take(row, every[:, number], spent[number], flight, int(number))
         missed, when = shortfall(flight)
         missed = np.where(solved, 0.0, np.maximum(missed, _BARELY))
         spent = np.where(solved, spent, impulses(flight))

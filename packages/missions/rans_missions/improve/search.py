@@ -28,8 +28,7 @@ from rans.extend import (
     fly,
     write_text,
 )
-from rans_missions.improve.judging import Best, judged
-from rans_missions.improve.pulses import rounded, search_pulses
+from rans_missions.improve.pulses import Best, rounded, search_pulses
 from rans_missions.script import Script
 
 
@@ -109,21 +108,19 @@ def improve(
 
     # The cheapest flight of the seeds from each start.
     count = len(np.ravel(starts.start.p.x))
-    best = Best.coasts(timing.episode_steps, count, craft.command_count)
+    coasts = np.zeros((timing.episode_steps, count, craft.command_count))
+    best = Best(coasts, np.full(count, np.inf))
     spent_by = []
     begun = []
     why: list[np.ndarray] = []
     for controller in seeds:
         commands = _until_success(fly(craft, task, controller, starts, timing))
         begun.append(commands)
-        pulses = rounded(commands)
-        again = fly(craft, task, Script(pulses), starts, timing)
-        best.flown += 2 * count
-        spent = judged(again)
+        again = fly(craft, task, Script(rounded(commands)), starts, timing)
+        best.flown += count
+        spent = best.judge(again, np.arange(count))
         spent_by.append(np.where(np.isfinite(spent), spent, np.nan))
         why.append(np.broadcast_to(again.verdict.failure(), count))
-        for row in np.flatnonzero(spent < best.cost):
-            best.take(int(row), pulses[:, row], spent[row], again, int(row))
 
     search_pulses(setup, starts, begun, best, rounds, random, report)
     if not np.isfinite(best.cost).any():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rans_missions.improve import pulses, search
 from rans_missions.improve.command import Improve, improve
-from rans_missions.improve.judging import judged
+from rans_missions.improve.pulses import judged
 from rans_missions.script import Script
 
 from rans.episode import Setup
