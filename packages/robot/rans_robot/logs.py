@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from scipy.optimize import linprog
 
-from rans.extend import ConfigError, Spacecraft, brief, counted
+from rans.extend import ConfigError, Spacecraft, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
 from rans_robot.interfaces import Interface, RobotName
-from rans_robot.messages import read_json_message
+from rans_robot.messages import read_table
 from rans_robot.node import FLIGHT_TOPIC
 from rans_robot.validator import Validator
 
@@ -208,15 +208,11 @@ def _number(part: Path) -> tuple[int, str]:
 def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interface:
     """Topics of the kind of robot that the plan of a bag of `rans fly` names."""
     try:
-        plan = read_json_message(entry.data, f"{source}, {FLIGHT_TOPIC}")
+        plan = read_table(entry.data, "the plan")
     except ValueError as error:
         raise ConfigError(f"{source}, {FLIGHT_TOPIC}, is damaged: {error}.") from error
-    name = plan.get("robot", "ros") if isinstance(plan, dict) else None
-    if not isinstance(name, str):
-        raise ConfigError(
-            f"{source}, {FLIGHT_TOPIC}, is damaged: it names no kind of robot, but {brief(name)}."
-        )
-    return Interface(name, craft.command_count, craft.thruster_count)
+    robot: Any = plan.get("robot", "ros")
+    return Interface(robot, craft.command_count, craft.thruster_count)
 
 
 def _reading(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import require
+from rans.extend import ConfigError, brief, require
 from rans.files import parse_json
 
 POSE = "geometry_msgs/msg/PoseStamped"
@@ -149,14 +149,16 @@ def definition(kind: str) -> str:
     return str(text)
 
 
-def read_json_message(data: bytes, what: str) -> Any:
-    """Value of the JSON in a std_msgs/msg/String.
-
-    Raises:
-        ValueError: it is no message.
-        ConfigError: its text is no JSON; ``what`` names the message.
-    """
-    return parse_json(unpack(TEXT, data).data, what)
+def read_table(data: bytes, what: str) -> dict[str, Any]:
+    """JSON object in a std_msgs/msg/String; `ValueError`, which calls it ``what``, if it is none."""
+    text = unpack(TEXT, data).data
+    try:
+        table = parse_json(text, what)
+    except ConfigError as error:
+        raise ValueError(str(error).rstrip(".")) from error
+    if not isinstance(table, dict):
+        raise ValueError(f"{what} must be a JSON object, {{...}}, got {brief(table)}")
+    return table
 
 
 def text_message(text: str) -> bytes:

@@ -36,7 +36,7 @@ from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Message
-from rans_robot.messages import TEXT, read_json_message, text_message
+from rans_robot.messages import TEXT, read_table, text_message
 from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash, runs_code
 from rans_robot.validator import LARGEST_MESSAGE, announced
 
@@ -565,11 +565,9 @@ def _plan_of(bag: Path, first: BagMessage, folder: Path | None) -> Plan:
         ConfigError: the message is damaged, or it names the code of a task that is not that of the folder.
     """
     try:
-        table = read_json_message(first.data, f"{bag}, {FLIGHT_TOPIC}")
+        table = read_table(first.data, "the plan of its flight")
     except ValueError as error:
-        raise ConfigError(
-            f"{bag} is damaged: the plan of its flight is no text: {error}."
-        ) from error
+        raise ConfigError(f"{bag} is damaged: {error}.") from error
     plan = structure(table, Plan, f"{bag}, {FLIGHT_TOPIC}")
     if folder is None:
         return plan

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import ConfigError, brief, is_finite
-from rans_robot.messages import read_json_message
+from rans.extend import brief, is_finite
+from rans_robot.messages import read_table
 
 LARGEST_MESSAGE = 4096
 """Bytes: an Odometry with its covariances has 730."""
@@ -155,13 +155,7 @@ def _table(data: bytes) -> dict[str, Any]:
         raise ValueError(
             f"a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read"
         )
-    try:
-        table = read_json_message(data, "the message")
-    except ConfigError as error:
-        raise ValueError(str(error).rstrip(".")) from error
-    if not isinstance(table, dict):
-        raise ValueError(f"the message must be a JSON object, {{...}}, got {brief(table)}")
-    return table
+    return read_table(data, "the message")
 
 
 def _text(values: Any) -> str:

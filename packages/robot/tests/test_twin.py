@@ -74,26 +74,6 @@ def test_impulses_are_as_noisy_as_in_an_episode() -> None:
     assert impulses.std() / impulses.mean() == pytest.approx(0.05 / math.sqrt(2.0), rel=0.25)
 
 
-def test_a_pulse_of_two_thrusters_pushes() -> None:
-    """A pulse of 0.2 s of two thrusters, by hand: 2 N on 5.32 kg."""
-    craft = load_spacecraft(PLATFORM)
-    twin = Craft(TwinPlan(craft, 0.2, start=(0.0, 0.0, 0.0), rate=20.0))
-    wrench = np.array(craft.wrench_map)
-    forward = next(
-        (a, b)
-        for a in range(8)
-        for b in range(a)
-        if np.allclose(wrench[a][:2], wrench[b][:2]) and abs(wrench[a][2] + wrench[b][2]) < 1e-9
-    )
-    command = np.zeros(8)
-    command[list(forward)] = 1.0
-    twin.hold(command)
-    for _ in range(4):
-        twin.advance()
-    expected = 2.0 * wrench[forward[0]][:2] * 0.2 / craft.mass
-    assert twin.motion.velocity[:2] == pytest.approx(expected, rel=1e-6)
-
-
 def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
     """37 % of a period of 0.1 s at steps of 10 ms: three whole ones, then seven tenths."""
     twin = Craft(TwinPlan(load_spacecraft("atmos"), 0.1))
