@@ -249,7 +249,6 @@ def least_impulse(
     limits: Sequence[Shape] = (),
     reference: np.ndarray | None = None,
     first: int | None = None,
-    at_once: int | None = None,
 ) -> MeetingTransfer | None:
     """The flight of least impulse that meets at every check from one to another; None: there is none.
 
@@ -260,7 +259,6 @@ def least_impulse(
         limits: kept at every check from the first one of the flight to the last.
         reference: (last + 1, 2 d) states at which concave limits are taken as tangents; needed with limits.
         first: check of the arrival; None: that of the meeting, without a stay.
-        at_once: about how many checks whose limits are broken join the program at once; None: all of them.
 
     Raises:
         SolverFailed: Clarabel ends neither with a solution nor with a proof that there is none.
@@ -294,8 +292,8 @@ def least_impulse(
         for k in left if len(left) < _FEW else left[:: len(left) // _FEW]:
             within.add(k)
             flights.be_within(k)
-        if at_once is not None and len(fresh) > at_once:
-            fresh = fresh[:: len(fresh) // at_once]
+        if len(fresh) > _AT_ONCE:
+            fresh = fresh[:: len(fresh) // _AT_ONCE]
         watched.update(fresh)
         if reference is not None:
             for k in fresh:
@@ -307,6 +305,8 @@ _APART = 30.0
 """Time between two checks of a stay that a program has at first, s; those that its flight breaks join them."""
 _FEW = 8
 """Checks of a stay that join a program at once, about."""
+_AT_ONCE = 24
+"""Checks with broken limits that join a program at once, about: of hundreds in a cone most are alike."""
 
 
 def _misses(meeting: Meeting, state: np.ndarray) -> bool:
@@ -535,7 +535,6 @@ def successive(
     limits: tuple[Shape, ...],
     states: np.ndarray,
     first: int | None = None,
-    at_once: int | None = None,
     settled: float = _CONVERGED,
 ) -> MeetingTransfer | None:
     """The last flight of successive programs that keeps the meeting's limits; None: no program had one.
@@ -548,11 +547,10 @@ def successive(
     Args:
         meeting: what is to be done.
         start: (2 d,) position (m) and velocity (m/s) in W.
-        last: see `least_impulse`, also for `first` and `at_once`.
+        last: see `least_impulse`, also for `first`.
         limits: that the programs have.
         states: (last + 1, 2 d) where the first round has its tangents.
         first: see above.
-        at_once: see above.
         settled: relative change of the impulse at which rounds end.
     """
     result: MeetingTransfer | None = None
@@ -560,7 +558,7 @@ def successive(
     is_final = not any(isinstance(limit, Cone) for limit in limits)
     for _ in range(_ROUNDS):
         try:
-            trial = least_impulse(meeting, start, last, limits, states, first, at_once)
+            trial = least_impulse(meeting, start, last, limits, states, first)
         except SolverFailed:
             return result
         if trial is None:
