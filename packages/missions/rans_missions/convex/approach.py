@@ -38,8 +38,6 @@ _TRIED = ((1200.0, 1000.0), (2400.0, 1600.0))
 """Arrivals of flights, and times before them at which they enter the cone, s."""
 _BEYOND = 0.5
 """Distance from the end of the cone before that, m."""
-_CONVERGED = 1e-3
-"""Relative change of the impulse at which rounds end."""
 
 
 @dataclass(frozen=True)
@@ -225,4 +223,4 @@ def flight_entering(
     port = float(np.linalg.norm(meeting.path[0, :3]))
     along = np.interp(np.arange(check + 1), [0, entry, check], [far, length, port])
     states = np.hstack([axis[: check + 1] * along[:, None], np.zeros((check + 1, 3))])
-    return successive(meeting, start, check, limits, states, settled=_CONVERGED)
+    return successive(meeting, start, check, limits, states)

@@ -50,7 +50,7 @@ _ROUNDS = 12
 """Of the convex-concave procedure at most."""
 _SLACK = 1e-5
 """By which a flight keeps its limits, m or m/s, so that rounding breaks none."""
-_CONVERGED = 1e-4
+_CONVERGED = 1e-3
 """Relative change of the impulse at which rounds end."""
 _FARTHER = 0.02
 """Share of its length by which a cone reaches farther where rounds end outside it."""
@@ -535,7 +535,6 @@ def successive(
     limits: tuple[Shape, ...],
     states: np.ndarray,
     first: int | None = None,
-    settled: float = _CONVERGED,
 ) -> MeetingTransfer | None:
     """The last flight of successive programs that keeps the meeting's limits; None: no program had one.
 
@@ -551,7 +550,6 @@ def successive(
         limits: that the programs have.
         states: (last + 1, 2 d) where the first round has its tangents.
         first: see above.
-        settled: relative change of the impulse at which rounds end.
     """
     result: MeetingTransfer | None = None
     cost = np.inf
@@ -566,7 +564,7 @@ def successive(
         states = trajectory(meeting, start, trial)
         if least_margin(meeting.limits, states) >= 0.0:
             result = trial
-        if abs(cost - trial.impulse) < settled * trial.impulse:
+        if abs(cost - trial.impulse) < _CONVERGED * trial.impulse:
             if result is not None or is_final:
                 break
             limits = tuple(_farther(limit) for limit in limits)
