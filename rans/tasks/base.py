@@ -121,19 +121,23 @@ class Task(Settings, ABC):
         """
         return goal
 
+    def limits(self, goal: State) -> dict[str, Shape]:
+        """Zones, cones and speed limits by name, in W at the goal's instant; by default none."""
+        return {}
+
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Margins by name that must not become negative, such as a distance to a wall (m); by default none.
+        """Margins by name that must not become negative, such as a distance to a wall (m); by default of `limits`.
 
         They are smooth, in SI units, and evaluated at every check (`rans.model.timing.Timing.checks`).
         """
-        return {}
+        return {name: limit.gap(state.p, state.v) for name, limit in self.limits(goal).items()}
 
     def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """Zones, cones and limits at the goal's instant, for pages and safety filters; by default none.
+        """Shapes for pages and safety filters; by default `limits`.
 
         They are the shapes whose margins `constraints` returns and whose entries `observation_terms` contains.
         """
-        return ()
+        return tuple(self.limits(goal).values())
 
     def markers(self, goal: State) -> tuple[tuple[Vector, Field], ...]:
         """Points in W, m, that pages mark, each with whether the mission has dealt with it; by default none."""

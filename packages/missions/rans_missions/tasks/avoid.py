@@ -16,6 +16,7 @@ from rans.extend import (
     InformationInW,
     ObservationTerm,
     Random,
+    Shape,
     State,
     Timing,
     Transition,
@@ -122,21 +123,16 @@ class Avoid(GoToPose):
 
     def later(self, goal: State, time: Field) -> State:
         """Goal after a time (s): the pose is fixed and the zones move."""
-        return replace(goal, notes=Zones(tuple(zone.later(time) for zone in self.scenery(goal))))
+        return replace(goal, notes=Zones(tuple(zone.later(time) for zone in goal.notes.zones)))
 
-    def scenery(self, goal: State) -> tuple[Ball, ...]:
-        """Keep-out balls in W, m, at the goal's instant; filters keep off them and pages draw them."""
-        return goal.notes.zones
-
-    def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance of the spacecraft's centre from the surface of every zone, m."""
-        zones = self.scenery(goal)
-        return {f"zone {k}": zone.gap(state.p) for k, zone in enumerate(zones, 1)}
+    def limits(self, goal: State) -> dict[str, Shape]:
+        """The keep-out zones."""
+        return {f"zone {k}": zone for k, zone in enumerate(goal.notes.zones, 1)}
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Terms of `GoToPose`, then the zones', the nearest first; agents' files record kinds and order."""
         entries = list(super().observation_terms(state, goal))
-        for k, zone in enumerate(nearest_first(self.scenery(goal), state.p), 1):
+        for k, zone in enumerate(nearest_first(goal.notes.zones, state.p), 1):
             offset = zone.centre - state.p
             close = nearness(_outside(zone.gap(state.p)), self.zone_scale)
             towards = offset.scale(close / at_least(offset.norm(), 1e-6))
@@ -152,7 +148,7 @@ class Avoid(GoToPose):
         """Terms (fields) of `GoToPose`, and a penalty near zones."""
         terms = super().reward(transition)
         if is_used(self.zone_weight):
-            zones = self.scenery(transition.goal)
+            zones = transition.goal.notes.zones
             gaps = (_outside(zone.gap(transition.state.p)) for zone in zones)
             close = sum(nearness(gap, self.zone_scale) for gap in gaps)
             terms["zones"] = close * -self.zone_weight

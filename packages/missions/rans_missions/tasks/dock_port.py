@@ -133,15 +133,12 @@ class DockPort(SingleTask):
         """Docked state after a time (s), rotated with the target."""
         return self._docked(step_goal(goal, FREE, time))
 
-    def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """The approach cone and the keep-out ball in W, m, in the order of `constraints`."""
-        return self._cone(goal), self._target(goal)
-
-    def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Margins of the approach cone and of the keep-out ball, m."""
+    def limits(self, goal: State) -> dict[str, Shape]:
+        """The approach cone, and the keep-out ball of the target."""
+        centre = goal.p + _ahead(goal.attitude).scale(self.standoff)
         return {
-            "cone": self._cone(goal).gap(state.p),
-            "target": self._target(goal).gap(state.p),
+            "cone": self._cone(goal),
+            "target": Ball(centre, goal.v.scale(0.0), self.target_radius),
         }
 
     def done(self, state: State, goal: State) -> Field:
@@ -221,10 +218,6 @@ class DockPort(SingleTask):
         towards = _ahead(goal.attitude)
         apex = goal.p + towards.scale(self.cone_depth)
         return Cone(apex, towards.scale(-1.0), self.cone_half_angle, self.cone_length)
-
-    def _target(self, goal: State) -> Ball:
-        centre = goal.p + _ahead(goal.attitude).scale(self.standoff)
-        return Ball(centre, goal.v.scale(0.0), self.target_radius)
 
 
 def _ahead(attitude: Any) -> Vector:

@@ -127,27 +127,15 @@ class FinalApproach(SingleTask):
         """Unit vector in W from the target's centre through its port."""
         return goal.p.scale(1.0 / self.standoff)
 
-    def scenery(self, goal: State) -> tuple[Shape, ...]:
+    def limits(self, goal: State) -> dict[str, Shape]:
         """The cone of the corridor, the ball around the target and the speed limit, at the goal's time."""
         depth = self.position_tolerance / math.tan(math.radians(self.cone_degrees))
         axis, centre = self.axis(goal), goal.p.scale(0.0)
-        return (
-            Cone(
-                goal.p - axis.scale(depth),
-                axis,
-                math.radians(self.cone_degrees),
-                self.cone_length,
-            ),
-            Ball(centre, centre, self.standoff - self.position_tolerance),
-            SpeedLimit(centre, self.velocity_tolerance, 4.0 * self.mean_motion),
-        )
-
-    def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Margins of the cone and the ball, m, and of the speed limit, m/s."""
-        names = ("cone", "target", "speed")
+        apex = goal.p - axis.scale(depth)
         return {
-            name: shape.gap(state.p, state.v)
-            for name, shape in zip(names, self.scenery(goal), strict=True)
+            "cone": Cone(apex, axis, math.radians(self.cone_degrees), self.cone_length),
+            "target": Ball(centre, centre, self.standoff - self.position_tolerance),
+            "speed": SpeedLimit(centre, self.velocity_tolerance, 4.0 * self.mean_motion),
         }
 
     def done(self, state: State, goal: State) -> Field:

@@ -249,9 +249,9 @@ class Inspect(SingleTask):
             words.append(seen_in_word[::-1])
         return words
 
-    def scenery(self, goal: State) -> tuple[Shape, ...]:
+    def limits(self, goal: State) -> dict[str, Shape]:
         """The keep-out ball around the target."""
-        return (Ball(goal.p, goal.v, self.keep_out),)
+        return {"keep-out": Ball(goal.p, goal.v, self.keep_out)}
 
     def markers(self, goal: State) -> tuple[tuple[Vector, Field], ...]:
         """Points of the target's surface, each with whether it has been seen."""
@@ -264,7 +264,7 @@ class Inspect(SingleTask):
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         """Distance from the keep-out ball, and from the end of the zone, m."""
         return {
-            "keep-out": self.scenery(goal)[0].gap(state.p),
+            **super().constraints(state, goal),
             "zone": self.fail_distance - (state.p - goal.p).norm(),
         }
 

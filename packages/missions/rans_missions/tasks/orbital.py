@@ -434,20 +434,6 @@ class OrbitalMission(SingleTask):
         won = where(self.done(state, goal), 1.0, goal.notes.won)
         return replace(goal, notes=replace(goal.notes, won=won))
 
-    def scenery(self, goal: State) -> tuple[Shape, ...]:
-        """Shapes of `limits` in their order, in the target's frame (m): filters keep and pages draw them."""
-        return tuple(self.limits(goal).values())
-
-    def limits(self, goal: State) -> dict[str, Shape]:
-        """Shapes whose margins are the constraints of the mission, by name; by default none."""
-        return {}
-
-    def constraints(self, state: State, goal: State) -> dict[str, Field]:
-        """Margins of the limits, in SI units."""
-        return {
-            name: shape.gap(state.p, state.v - goal.v) for name, shape in self.limits(goal).items()
-        }
-
     def afterwards(self, craft: Spacecraft, timing: Timing) -> Afterwards:
         """Stays from the arrival on, and plans again after a deadline that was missed."""
         return Afterwards(craft, self, timing)
