@@ -98,7 +98,7 @@ class Search:
         # What is across the way: one direction in the plane, two in space.
         self._across = np.linalg.svd(self._ahead[None])[2][1:]
         zones = []
-        for zone in task.scenery(goal):
+        for zone in goal.notes.zones:
             centre, v = (np.array(x.columns(), float) for x in (zone.centre, zone.v))
             along = float(self._ahead @ centre)
             beside = abs(float(self._ahead @ v)) * self._time < 1e-8
