@@ -25,7 +25,7 @@ class Report(Options):
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""
-        from rans.cli.train import train_on, trust_option
+        from rans.cli.train import command_to_train_on, trust_option
         from rans.fast.learn.run_folder import RunFolder
         from rans.show.pages.report import solved_share
 
@@ -35,7 +35,7 @@ class Report(Options):
         share = solved_share(self.run_folder)
         if share is not None and share < _WORTH_EXPORTING and run.has_checkpoint:
             trust = trust_option(run.config(), run.spacecraft())
-            return (train_on(self.run_folder, int(run.metrics()[-1]["steps"]), trust),)
+            return (command_to_train_on(self.run_folder, int(run.metrics()[-1]["steps"]), trust),)
         return (shlex.join(["rans", "export", str(self.run_folder), "--format", "c"]),)
 
     def run(self) -> int:

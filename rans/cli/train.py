@@ -273,8 +273,9 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     path = trainer.run.path
     trust = trust_option(trainer.config, trainer.engine.craft)
     if trainer.steps == begun and not stopped:
-        return f"Nothing was left to train: {path} has {begun:,} steps. Train on with: " + train_on(
-            path, begun, trust
+        return (
+            f"Nothing was left to train: {path} has {begun:,} steps. Train on with: "
+            f"{command_to_train_on(path, begun, trust)}"
         )
     again = shlex.join(["rans", "train", "--resume", str(path), *trust])
     if not trainer.steps:
@@ -309,7 +310,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     elif trainer.config.solved_share is not None and not trainer.solved:
         advice = (
             f"{trainer.rows[-1]['success']:.0%} of its last episodes are solved. More steps may "
-            f"solve it: {train_on(path, trainer.steps, trust)}; or another --seed."
+            f"solve it: {command_to_train_on(path, trainer.steps, trust)}; or another --seed."
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
@@ -376,8 +377,11 @@ def _live_page(path: Path) -> Path | None:
     return file
 
 
-def train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
-    """Command that trains an agent for twice as many steps, of which two digits count."""
+def command_to_train_on(path: Path, steps: int, trust: Sequence[str] = ()) -> str:
+    """Command line that trains the agent of a run folder on, to twice as many steps.
+
+    The number is rounded down to two digits; ``trust`` is what `trust_option` gives.
+    """
     digits = 10 ** max(0, len(str(2 * steps)) - 2)
     total = max(1, 2 * steps // digits) * digits
     words = ["rans", "train", "--resume", str(path), "--total-timesteps", str(total), *trust]

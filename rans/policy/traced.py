@@ -262,7 +262,7 @@ class _View:
     side: str
     """(N,) index of the side."""
     thruster_index: str
-    """(N, thrusters) index of each thruster as that side numbers them."""
+    """(N, thrusters) number in the view of each thruster of the craft."""
 
     @classmethod
     def towards_goal(
@@ -320,7 +320,7 @@ class _View:
         return program.joined(*program.lowered(layout.mirrored(columns, rotated, hand), values))
 
     def commands(self, program: Program, value: str, rows: int) -> str:
-        """Commands (N, rows, thrusters) in the order of thrusters as the side numbers them."""
+        """Commands (N, rows, thrusters) put from the craft's order of thrusters into the order of the view."""
         back = np.argsort(self.views.place, axis=1)
         table = program.constant(np.tile(back, (1, rows)), "places_back", np.int64)
         index = program.apply("Gather", table, self.side, axis=0)

@@ -10,7 +10,7 @@ import pytest
 import rans
 from rans import cli
 from rans.cli import main
-from rans.cli.train import train_on
+from rans.cli.train import command_to_train_on
 from rans.errors import ConfigError, checked, meant, meant_file
 from rans.fast.learn.config import training
 from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
@@ -62,7 +62,7 @@ def test_a_solved_task_is_trained_on() -> None:
     # A report between those at the interval, as of a stop, does not count; an imitation has one report.
     assert not is_solved(replace(config, report_interval=2), [good] * SOLVED_IN_A_ROW)
     assert is_solved(config, [{"success": 0.95, "steps": 1}])
-    assert "--total-timesteps 400000" in train_on(Path("runs/x"), 204_800)
+    assert "--total-timesteps 400000" in command_to_train_on(Path("runs/x"), 204_800)
 
 
 def test_names_of_other_forms_are_near() -> None:

@@ -158,7 +158,7 @@ class Loop:
         )
         self._plant = Plant(problem["derivative"], commands, problem["period"])
         self._keep = Property(problem["keep"], count) if "keep" in problem else None
-        self._end = Property({"within": _last(problem)}, count) if "end" in problem else None
+        self._end = Property({"within": _widened_end(problem)}, count) if "end" in problem else None
         self._begins = problem.get("begins", 0)
         self._earliest = problem.get("end", {}).get("earliest", 0) or problem["steps"]
         self._effort = _EFFORT[0] + _EFFORT[1] * problem["steps"]
@@ -265,12 +265,11 @@ class Loop:
         return worst
 
 
-def _last(problem: dict[str, Any]) -> dict[str, list[float]]:
-    """Box in which flights end.
+def _widened_end(problem: dict[str, Any]) -> dict[str, list[float]]:
+    """Box in which flights must end, lower and upper bounds by state, +-1e9 for constant states that start in it.
 
-    A state that never changes and starts inside needs no margin: its ends are +-1e9.
-
-    The property of the end, in which such a state would otherwise have the margin 0.
+    A state of the rate "0" ends where it starts. If its starts fill the box, its margin would be 0, and a proof
+    needs margins above 0.
     """
     start = problem["start"]
     end = problem["end"]

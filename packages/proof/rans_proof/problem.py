@@ -318,7 +318,7 @@ class _File:
             lower=self.start.lower,
             upper=self.start.upper,
             keep=self.keep.of(count) if self.keep else None,
-            end=self._narrow_end(self.end) if self.end else None,
+            end=self._widened_end(self.end) if self.end else None,
             text=text,
             inputs=self.inputs or (),
             begins=_whole(self.begins, 0, steps - 1, "begins"),
@@ -329,8 +329,8 @@ class _File:
         problem.rates([anything] * count, [anything] * commands)
         return problem
 
-    def _narrow_end(self, end: Box) -> Box:
-        """The box of the end, which has no sides along states that never change and start within them."""
+    def _widened_end(self, end: Box) -> Box:
+        """Box in which flights must end, +-1e9 along states that never change and start in it."""
         corners = np.array([end.lower, end.upper])
         starts = zip(self.derivative, self.start.lower, self.start.upper, strict=True)
         for i, (rate, low, high) in enumerate(starts):

@@ -251,7 +251,11 @@ class _Lessons:
             self._step()
 
     def _descend(self) -> Tensor:
-        """Descend on the rows of `_rows`: fixed addresses, since a CUDA graph replays it; returns the norm."""
+        """Gradient step on the labels whose numbers are in `_rows`; returns the norm of the gradient, ().
+
+        The loss is minus the log-likelihood of the expert's commands, or the distance to the demand of patterns,
+        and the squared error of the values of own flights. `loss` gets it, in place.
+        """
         assert self._labels is not None
         network = self._network
         columns, actions, returns, owned = (x[self._rows] for x in self._labels)

@@ -96,7 +96,11 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
 
 
 def _contestant(entry: Entry, starts: Sequence[int], bootstrap: Bootstrap, k: int) -> Series:
-    """A mark with its intervals in style k; the name says how many never get there."""
+    """A contestant's median first time in the goal set, s, and median impulse until then, N s, in style k.
+
+    They are over these starts, with 95 % intervals where there are several; the name says from how many of them it
+    gets there, if not from all.
+    """
     colour, marker = series_style(k)
     x, y = (bootstrap.median(values[starts]) for values in (entry.arrival, entry.arrival_thrust))
     count = int(np.isfinite(entry.arrival[starts]).sum())
