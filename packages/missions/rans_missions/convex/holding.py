@@ -86,7 +86,9 @@ def least_to_hold(meeting: Meeting, start: np.ndarray, deadline: float, seconds:
     stay = last_check(seconds, interval)
 
     def bound_of(first: int, end: int) -> float:
-        over = max(end, first + stay)
+        over = first + stay
+        if over < end:  # stays from both arrivals have no check in common
+            return 0.0
         flights = Flights(meeting, start, over, spare=0.0)
         for check in np.unique(
             np.linspace(end, over, 2 + int((over - end) * interval / _SPACING)).astype(int)

@@ -356,14 +356,17 @@ def _sharpen(
 ) -> MeetingTransfer | None:
     """Raise the bounds of all instants by the cheapest flight at one, which is returned.
 
-    None: nothing can meet there, and the bound is infinite; or the solver has no answer, and bounds stay.
+    None: there is none; where that is proved for the whole tolerances, the bound is infinite.
     """
     try:
         found = least_impulse(meeting, start, check)
     except SolverFailed:
         return None
     if found is None:
-        bounds[check] = np.inf
+        # Flights leave a spare part of the tolerances, and a proof has to have all of them.
+        whole = Flights(meeting, start, check, spare=0.0)
+        whole.be_within(check)
+        bounds[check] = max(bounds[check], whole.least())
         return None
     np.maximum(bounds, proof(meeting, start, len(bounds) - 1, found.multiplier), out=bounds)
     return found

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from rans_missions.bounds.transfers import transfer_bounds
@@ -40,6 +42,9 @@ def test_a_stay_on_a_line_costs_what_hand_works_out() -> None:
     assert 0.98 * by_hand < found < 1.01 * by_hand
     # Thrust takes 5 s a change of velocity, by which the rest of the way is faster.
     assert rendezvous(LINE, START, 1000.0).lower == pytest.approx(70.0, rel=0.02)
+    # Who drifts by at 0.4 m/s is within 5 m for 25 s.
+    passing = replace(LINE, velocity_tolerance=0.5)
+    assert least_to_hold(passing, np.array([-100.0, 0.0, 0.4, 0.0]), 1000.0, 20.0) == 0.0
 
 
 def test_a_flight_that_holds_costs_what_hand_works_out() -> None:

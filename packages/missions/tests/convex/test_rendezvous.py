@@ -13,6 +13,7 @@ from rans_missions.convex.rendezvous import (
     Flights,
     least_impulse,
     least_margin,
+    least_to_meet,
     proof,
     ranges_of_arrivals,
     rendezvous,
@@ -99,6 +100,10 @@ def test_only_a_checked_certificate_says_that_a_meeting_is_impossible() -> None:
     program = flights.program()
     size = len(program.right)
     assert not any(program.is_infeasible(rng.normal(size=size)) for _ in range(200))
+    # Flights leave 1e-5 m of the tolerance; a bound leaves none.
+    tiny = replace(meeting, position_tolerance=5e-6)
+    assert least_impulse(tiny, state, 300) is None
+    assert np.isfinite(least_to_meet(tiny, state, 300.0)[0])
 
 
 MISSIONS = [Dock(), Hold(), Rendezvous()]
