@@ -1,9 +1,10 @@
-"""What packages and plug-ins build on: two of them use every name, or four modules of one package do.
+"""What packages and plug-ins build on: what two of their modules use, and what entry points take and give.
 
     >>> from rans.extend import ConfigError, Flight, Spacecraft
 
-A package imports these from here, so that the core may move them. What fewer need of the core they import from
-its module, without a promise. Each is imported on first use.
+A package imports these from here, so that the core may move them: values and their fields, tasks and observations,
+effectors and drifts, Drake's halves, flights and scores, learners, exports, sections of pages, commands. What one
+module needs beyond them it imports from its module in the core, without a promise. Each is imported on first use.
 """
 
 from __future__ import annotations
@@ -20,8 +21,20 @@ if TYPE_CHECKING:
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
+    from rans.deploy.c.files import write_c as write_c
     from rans.deploy.columns import written_columns as written_columns
+    from rans.deploy.contract import contract as contract
+    from rans.deploy.contract import golden_pairs as golden_pairs
+    from rans.deploy.export import write_agent as write_agent
+    from rans.deploy.numpy_file import write_numpy as write_numpy
     from rans.deploy.program import Ports as Ports
+    from rans.effectors.effector import Action as Action
+    from rans.effectors.effector import Begun as Begun
+    from rans.effectors.effector import Effector as Effector
+    from rans.effectors.effector import JointMotion as JointMotion
+    from rans.episode import Command as Command
+    from rans.episode import Guard as Guard
+    from rans.episode import Mover as Mover
     from rans.episode import Setup as Setup
     from rans.episode import World as World
     from rans.errors import ConfigError as ConfigError
@@ -34,13 +47,23 @@ if TYPE_CHECKING:
     from rans.errors import require as require
     from rans.errors import whole as whole
     from rans.evaluation.compare.contest import Contest as Contest
+    from rans.evaluation.compare.mission_bounds import MissionBounds as MissionBounds
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
+    from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
+    from rans.evaluation.fly.exported import load_exported as load_exported
+    from rans.evaluation.fly.exported import read_contract as read_contract
     from rans.evaluation.measure.metrics import Sample as Sample
+    from rans.evaluation.measure.metrics import impulses as impulses
+    from rans.evaluation.measure.metrics import worst_errors as worst_errors
+    from rans.evaluation.measure.statistics import Estimate as Estimate
+    from rans.evaluation.problems import Problem as Problem
     from rans.fast.device import torch_device as torch_device
+    from rans.fast.distributed import Processes as Processes
     from rans.fast.engine import Engine as Engine
+    from rans.fast.flights import Flights as Flights
     from rans.fast.learn.adam import Adam as Adam
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.config import PPOSettings as PPOSettings
@@ -56,14 +79,24 @@ if TYPE_CHECKING:
     from rans.files import read_json as read_json
     from rans.files import read_text as read_text
     from rans.files import ready_folder as ready_folder
+    from rans.files import replace_file as replace_file
     from rans.files import write_json as write_json
     from rans.files import write_text as write_text
     from rans.flight import Controller as Controller
     from rans.flight import Flight as Flight
     from rans.flight import fly as fly
+    from rans.flight_statistics import FlightStatistics as FlightStatistics
+    from rans.model.actuators import Throttle as Throttle
     from rans.model.body import Body as Body
+    from rans.model.coordinates import coordinates as coordinates
+    from rans.model.drift import FREE as FREE
+    from rans.model.drift import AnyVector as AnyVector
     from rans.model.drift import ClohessyWiltshire as ClohessyWiltshire
     from rans.model.drift import Drift as Drift
+    from rans.model.drift import UniformGravity as UniformGravity
+    from rans.model.drift import cosine as cosine
+    from rans.model.drift import sine as sine
+    from rans.model.drift import step_goal as step_goal
     from rans.model.dynamics import PlanarState as PlanarState
     from rans.model.dynamics import SpatialState as SpatialState
     from rans.model.dynamics import State as State
@@ -85,25 +118,52 @@ if TYPE_CHECKING:
     from rans.model.fields import sqrt as sqrt
     from rans.model.fields import where as where
     from rans.model.fields import within as within
+    from rans.model.foreign import Foreign as Foreign
+    from rans.model.foreign import Nozzle as Nozzle
+    from rans.model.random import Draws as Draws
     from rans.model.random import Random as Random
+    from rans.model.spacecraft import CommandRange as CommandRange
     from rans.model.spacecraft import Spacecraft as Spacecraft
+    from rans.model.spacecraft import Store as Store
+    from rans.model.spacecraft_file import to_toml as to_toml
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
+    from rans.optimal.control.arguments import craft_and_task as craft_and_task
+    from rans.optimal.control.regulator import ModelBased as ModelBased
     from rans.policy.network import Network as Network
     from rans.policy.program import Program as Program
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress
+    from rans.progress import Stages as Stages
     from rans.progress import unseen as unseen
+    from rans.progress import unseen_stages as unseen_stages
     from rans.randomization.conditions import Conditions as Conditions
+    from rans.randomization.conditions import ThrusterConditions as ThrusterConditions
     from rans.randomization.conditions import bounds as bounds
+    from rans.randomization.conditions import largest as largest
     from rans.randomization.conditions_file import conditions_text as conditions_text
+    from rans.randomization.parameters import StepInputs as StepInputs
+    from rans.reference.frames import SPHERE as SPHERE
+    from rans.reference.frames import DrakeFrame as DrakeFrame
+    from rans.reference.further import DrakeMass as DrakeMass
+    from rans.registry import typed as typed
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario
     from rans.scenario import draws as draws
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
+    from rans.show.pages.chart import Chart as Chart
+    from rans.show.pages.chart import Mark as Mark
+    from rans.show.pages.chart import Series as Series
+    from rans.show.pages.notebook import html_of as html_of
     from rans.show.pages.page import Fact as Fact
+    from rans.show.pages.page import Finding as Finding
+    from rans.show.pages.page import Page as Page
+    from rans.show.pages.page import Part as Part
+    from rans.show.pages.page import Picture as Picture
     from rans.show.pages.page import Section as Section
+    from rans.show.pages.page import Tile as Tile
+    from rans.show.progress import watched as watched
     from rans.structure import read_toml as read_toml
     from rans.structure import structure as structure
     from rans.table import Table as Table
@@ -111,24 +171,31 @@ if TYPE_CHECKING:
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
     from rans.tasks.go_to_pose import GoToPose as GoToPose
+    from rans.tasks.observation_terms import AdvisedVelocityChange as AdvisedVelocityChange
+    from rans.tasks.observation_terms import AngularVelocity as AngularVelocity
     from rans.tasks.observation_terms import Dimension as Dimension
     from rans.tasks.observation_terms import Information as Information
     from rans.tasks.observation_terms import InformationInW as InformationInW
     from rans.tasks.observation_terms import ObservationTerm as ObservationTerm
     from rans.tasks.observation_terms import RelativeRotation as RelativeRotation
+    from rans.tasks.observation_terms import Scalar as Scalar
     from rans.tasks.observation_terms import VectorInW as VectorInW
     from rans.tasks.quantities import QUANTITIES as QUANTITIES
+    from rans.tasks.quantities import Quantity as Quantity
+    from rans.tasks.quantities import declare as declare
     from rans.tasks.rewards import Transition as Transition
     from rans.tasks.rewards import is_used as is_used
     from rans.tasks.rewards import nearness as nearness
     from rans.tasks.rewards import speed as speed
     from rans.tasks.shapes import Ball as Ball
     from rans.tasks.shapes import Cone as Cone
+    from rans.tasks.shapes import GlideSlope as GlideSlope
     from rans.tasks.shapes import Shape as Shape
     from rans.tasks.shapes import SpeedLimit as SpeedLimit
     from rans.terminal import Terminal as Terminal
     from rans.terminal import doing as doing
     from rans.terminal import progress as progress
+    from rans.terminal import stages as stages
     from rans.verdict import Failure as Failure
     from rans.verdict import last_fifth as last_fifth
 

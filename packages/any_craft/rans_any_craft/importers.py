@@ -20,8 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.extend import ConfigError, brief, counted
-from rans.model.foreign import Foreign, Nozzle
+from rans.extend import ConfigError, Foreign, Nozzle, brief, counted
 
 _DECLARES = re.compile(r"<!\s*(ENTITY|ATTLIST|DOCTYPE)", re.IGNORECASE)
 """Declarations of entities, which can grow without bound."""

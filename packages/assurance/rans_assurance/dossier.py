@@ -25,6 +25,9 @@ from rans.extend import (
     ConfigError,
     ContestantName,
     Fact,
+    Finding,
+    Page,
+    Part,
     RunFolder,
     Section,
     Table,
@@ -36,7 +39,7 @@ from rans.extend import (
     read_json,
     write_json,
 )
-from rans.show.pages.page import Finding, Page, Part, header
+from rans.show.pages.page import header
 from rans.show.pages.report import sections_of
 
 _LARGEST = 2**28

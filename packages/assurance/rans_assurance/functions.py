@@ -85,8 +85,7 @@ def stress(
         ConfigError: there is no such contestant or disturbance, or a number is out of its range.
     """
     from rans.evaluation.compare.entrants import contest_of, invitations
-    from rans.extend import inside, ready_folder
-    from rans.show.progress import watched
+    from rans.extend import inside, ready_folder, watched
     from rans_assurance.stress.report import StressReport
     from rans_assurance.stress.run import prepared
 
@@ -165,9 +164,8 @@ def assure(
     Raises:
         ConfigError: there is no such agent, or a number is out of its range.
     """
-    from rans.extend import ready_folder, torch_device, write_json
+    from rans.extend import ready_folder, torch_device, watched, write_json
     from rans.fast.distributed import join
-    from rans.show.progress import watched
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.assure.bounds import plan
     from rans_assurance.assure.campaign import Campaign
@@ -332,8 +330,8 @@ def faults(spacecraft: SpacecraftLike = CRAFT) -> Faults:
     Raises:
         ConfigError: there is no such spacecraft, or it has one thruster.
     """
+    from rans.extend import watched
     from rans.randomization.faults import fault_sets
-    from rans.show.progress import watched
 
     craft = load_spacecraft(spacecraft)
     count = craft.thruster_count

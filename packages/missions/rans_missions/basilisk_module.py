@@ -8,8 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rans.deploy.numpy_file import write_numpy
-from rans.extend import ConfigError, Ports, Program, write_text, written_columns
+from rans.extend import ConfigError, Ports, Program, write_numpy, write_text, written_columns
 
 _MOST = 36
 """Thrusters of Basilisk's messages, MAX_EFF_CNT."""

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.evaluation.problems import Problem
 from rans.extend import (
     EVALUATION_SEED,
+    Problem,
     Spacecraft,
     Task,
     Terminal,
@@ -21,11 +21,11 @@ from rans.extend import (
     progress,
     ready_folder,
     scenarios,
+    stages,
     write_json,
 )
 from rans.files import distinct
 from rans.model.spacecraft_file import spacecraft_label
-from rans.terminal import stages
 from rans_missions.bounds.first_starts import bounded, mission_bounds
 from rans_missions.tasks import FinalApproach, Land
 from rans_missions.tasks.orbital import OrbitalMission

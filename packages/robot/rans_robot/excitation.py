@@ -19,11 +19,12 @@ from rans.extend import (
     read_json,
     ready_folder,
     structure,
+    to_toml,
     whole,
     write_json,
     write_text,
 )
-from rans.model.spacecraft_file import read_spacecraft, to_toml
+from rans.model.spacecraft_file import read_spacecraft
 from rans_robot.identify.excite import Excitation
 from rans_robot.identify.motion import check_identifiable
 

@@ -8,14 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.deploy.contract import (
-    FLIGHTS,
-    PAIRED,
-    RecordedFlights,
-    contract,
-    flights_of_training,
-    golden_pairs,
-)
+from rans.deploy.contract import FLIGHTS, PAIRED, RecordedFlights, flights_of_training
 from rans.deploy.export import check_alone, evaluated
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
@@ -28,12 +21,14 @@ from rans.extend import (
     TrainConfig,
     brief,
     contestant,
+    contract,
+    golden_pairs,
     read_bytes,
+    replace_file,
+    to_toml,
     write_json,
     write_text,
 )
-from rans.files import replace_file
-from rans.model.spacecraft_file import to_toml
 from rans.tasks import registered_name
 from rans.tasks.derived import observation_width
 

@@ -163,8 +163,8 @@ def fly_on_robot(
     Raises:
         ConfigError: the flight cannot begin: nothing is written then.
     """
-    from rans.evaluation.fly.exported import is_exported, read_contract
-    from rans.extend import ContestantName, RunFolder, contestant, doing
+    from rans.evaluation.fly.exported import is_exported
+    from rans.extend import ContestantName, RunFolder, contestant, doing, read_contract
     from rans.fast.learn.config import to_table
     from rans_robot.bag import index_bag
     from rans_robot.bus import open_bus, ros_domain

@@ -21,7 +21,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.evaluation.fly.exported import read_contract
 from rans.extend import (
     QUANTITIES,
     TASKS,
@@ -29,6 +28,7 @@ from rans.extend import (
     Task,
     brief,
     positive,
+    read_contract,
     structure,
 )
 from rans.registry import are_files_trusted

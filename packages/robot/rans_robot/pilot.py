@@ -19,11 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.deploy.contract import contract, flights_of_training, golden
-from rans.deploy.export import write_agent
+from rans.deploy.contract import flights_of_training, golden
 from rans.effectors.commands import command_bounds
-from rans.evaluation.fly.agent import load_policy
-from rans.evaluation.fly.exported import load_exported, read_contract
 from rans.extend import (
     Ball,
     ConfigError,
@@ -40,13 +37,18 @@ from rans.extend import (
     Vec3,
     World,
     brief,
+    contract,
     first_line,
     inside,
     is_finite,
+    load_exported,
+    load_policy,
     positive,
+    read_contract,
     read_json,
     read_text,
     scenario,
+    write_agent,
     write_json,
     write_text,
 )

@@ -23,7 +23,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.extend import (
     TASKS,
@@ -41,6 +40,7 @@ from rans.extend import (
     Task,
     Timing,
     TrainConfig,
+    load_policy,
     read_json,
     remember,
     whole,

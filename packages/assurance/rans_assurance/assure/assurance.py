@@ -23,18 +23,20 @@ from rans.extend import (
     Failure,
     LoadedRun,
     Network,
+    Processes,
     Progress,
     Section,
+    Stages,
     conditions_text,
     contestant,
     inside,
     read_json,
     scenarios,
     unseen,
+    unseen_stages,
 )
 from rans.extend import environment as this_environment
-from rans.fast.distributed import ALONE, Processes
-from rans.progress import Stages, unseen_stages
+from rans.fast.distributed import ALONE
 from rans.randomization.conditions_file import conditions_label
 from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import ProbabilityBound
@@ -229,7 +231,7 @@ class Assurance:
         return assurance_section(self.file or Path("assurance.json"), self.to_json())
 
     def _repr_html_(self) -> str:
-        from rans.show.pages.notebook import html_of
+        from rans.extend import html_of
 
         return html_of(self.section)
 

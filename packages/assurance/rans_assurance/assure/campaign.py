@@ -10,11 +10,19 @@ from functools import reduce
 from operator import add
 from typing import Any, cast
 
-from rans.extend import ConfigError, Controller, Failure, Network, Setup
-from rans.fast.distributed import ALONE, Processes
-from rans.fast.flights import Flights
-from rans.flight_statistics import FlightStatistics
-from rans.progress import Stages, unseen_stages
+from rans.extend import (
+    ConfigError,
+    Controller,
+    Failure,
+    Flights,
+    FlightStatistics,
+    Network,
+    Processes,
+    Setup,
+    Stages,
+    unseen_stages,
+)
+from rans.fast.distributed import ALONE
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans_assurance.assure.fleet import ControllerFleet
 

@@ -16,11 +16,10 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.extend import Field, Network, Random, Setup, World, bounds, floor, where
-from rans.fast.flights import BATCH, Flights
+from rans.extend import Draws, Field, Flights, Network, Random, Setup, World, bounds, floor, where
+from rans.fast.flights import BATCH
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
-from rans.model.random import Draws
 from rans.processes import processors
 from rans.randomization.sensors import PER_STEP
 from rans.structure import is_range

@@ -9,9 +9,18 @@ from operator import add
 import numpy as np
 import torch
 
-from rans.extend import Controller, Flight, Setup, Workers, World, fly_draws, last_fifth
-from rans.flight_statistics import FlightStatistics
-from rans.model.random import Draws, seed_words
+from rans.extend import (
+    Controller,
+    Draws,
+    Flight,
+    FlightStatistics,
+    Setup,
+    Workers,
+    World,
+    fly_draws,
+    last_fifth,
+)
+from rans.model.random import seed_words
 
 _SHARE = 1024
 _SLOW_SHARE = 16

@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import worst_errors
 from rans.extend import (
     Controller,
+    Draws,
     Failure,
     Flight,
     Setup,
@@ -19,8 +19,9 @@ from rans.extend import (
     last_fifth,
     leaves,
     map_leaves,
+    worst_errors,
 )
-from rans.model.random import Draws, seed_words
+from rans.model.random import seed_words
 
 Judge = Literal["numpy", "drake"]
 

@@ -14,7 +14,6 @@ import numpy as np
 import torch
 from scipy.special import ndtr
 
-from rans.evaluation.measure.metrics import worst_errors
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -27,6 +26,7 @@ from rans.extend import (
     World,
     fly_draws,
     unseen,
+    worst_errors,
 )
 from rans.model.random import generator
 from rans_assurance.assure.chances import Chances, Chosen, Sized, sized

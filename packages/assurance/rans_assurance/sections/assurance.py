@@ -6,8 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import QUANTITIES, Fact, Failure, Section, Table
-from rans.show.pages.page import Finding, Tile
+from rans.extend import QUANTITIES, Fact, Failure, Finding, Section, Table, Tile
 
 _TEXT = (
     "A flight fails if the task declares it failed, if its state is no longer finite, or if at any step of "

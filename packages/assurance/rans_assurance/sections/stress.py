@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rans.evaluation.measure.statistics import WANTED, wanted
-from rans.extend import Fact, Section, Table
-from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import Finding, Picture, Tile
+from rans.extend import Chart, Fact, Finding, Mark, Picture, Section, Series, Table, Tile
 from rans.show.palette import series_style
 from rans_assurance.sections.assurance import asked
 

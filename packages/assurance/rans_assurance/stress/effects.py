@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Conditions, ConfigError, Spacecraft, Timing
+from rans.extend import Conditions, ConfigError, Spacecraft, ThrusterConditions, Timing
 from rans.files import distinct
-from rans.randomization.conditions import FaultConditions, ThrusterConditions
+from rans.randomization.conditions import FaultConditions
 
 
 @dataclass(frozen=True)

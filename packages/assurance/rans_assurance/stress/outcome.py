@@ -8,9 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import worst_errors
-from rans.evaluation.measure.statistics import WANTED, Estimate, share
-from rans.extend import Flight
+from rans.evaluation.measure.statistics import WANTED, share
+from rans.extend import Estimate, Flight, worst_errors
 
 
 @dataclass(frozen=True)

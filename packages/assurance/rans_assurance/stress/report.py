@@ -50,7 +50,7 @@ class StressReport:
         return f"<StressReport of {self.title()}: solved in {shares}>"
 
     def _repr_html_(self) -> str:
-        from rans.show.pages.notebook import html_of
+        from rans.extend import html_of
 
         return html_of(self.section)
 

@@ -14,19 +14,20 @@ from rans.evaluation.compare.entrants import Invited, enlisted
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
-from rans.evaluation.measure.statistics import Estimate
 from rans.extend import (
     Conditions,
     ConfigError,
     Contest,
     Controller,
+    Estimate,
+    Stages,
     Workers,
     draws,
     first_line,
     fly_draws,
+    unseen_stages,
 )
 from rans.flight import informed
-from rans.progress import Stages, unseen_stages
 from rans_assurance.stress.effects import Effect, Level, applicable_effects, failure_levels
 from rans_assurance.stress.outcome import Limit, StressOutcome, holds_to
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.compare.mission_bounds import MissionBounds
-from rans.extend import ConfigError, Contest, Progress, map_leaves, unseen
+from rans.extend import ConfigError, Contest, MissionBounds, Progress, map_leaves, unseen
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_of_mission
 from rans_missions.convex.inspection import inspection_bound

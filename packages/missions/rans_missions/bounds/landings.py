@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Mover
 from rans.extend import (
     Body,
+    Mover,
     Progress,
     Quat,
     Scenario,
     Setup,
     Spacecraft,
+    StepInputs,
     Table,
     Timing,
     Vec3,
@@ -26,7 +27,6 @@ from rans.extend import (
     map_leaves,
     unseen,
 )
-from rans.randomization.parameters import StepInputs
 from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 from rans_missions.tasks.land import Land

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses, won
+from rans.evaluation.measure.metrics import won
 from rans.extend import (
     Flight,
     Progress,
@@ -20,6 +20,7 @@ from rans.extend import (
     Table,
     Task,
     fly,
+    impulses,
     unseen,
 )
 from rans.reference.flight import fly_in_drake

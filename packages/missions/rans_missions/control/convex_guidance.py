@@ -15,6 +15,7 @@ import numpy as np
 from rans.extend import (
     Ball,
     Cone,
+    ModelBased,
     Shape,
     SolverFailed,
     Spacecraft,
@@ -23,7 +24,6 @@ from rans.extend import (
     Timing,
     map_leaves,
 )
-from rans.optimal.control.regulator import ModelBased
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.convex.holding import flight_that_holds
 from rans_missions.convex.rendezvous import (

@@ -21,18 +21,18 @@ from rans.extend import (
     ConfigError,
     Field,
     Heading,
+    ModelBased,
     Quat,
     Spacecraft,
     Task,
     Timing,
     bounds,
     floor,
+    largest,
     map_leaves,
     scenario,
     within,
 )
-from rans.optimal.control.regulator import ModelBased
-from rans.randomization.conditions import largest
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.navigation_filter import NavigationFilter
 from rans_missions.tasks.orbital import OrbitalMission

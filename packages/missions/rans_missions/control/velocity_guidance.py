@@ -9,8 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from rans.extend import Spacecraft, Task, Timing, Vec3, map_leaves
-from rans.optimal.control.arguments import craft_and_task
+from rans.extend import Spacecraft, Task, Timing, Vec3, craft_and_task, map_leaves
 from rans_missions.control.tracking import Tracker
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.inspect import Inspect

@@ -33,8 +33,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from rans.extend import ConfigError, SolverFailed, Spacecraft
-from rans.model.actuators import Throttle
+from rans.extend import ConfigError, SolverFailed, Spacecraft, Throttle
 from rans_missions.convex.cone_program import ConeProgram, Rows
 from rans_missions.tasks.land import Land
 

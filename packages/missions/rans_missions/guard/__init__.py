@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from rans.episode import Guard
-from rans.extend import ConfigError, Setup, scenario
+from rans.extend import ConfigError, Guard, Setup, scenario
 from rans_missions.guard.backup import FlownBackup
 from rans_missions.guard.expected import Expected
 from rans_missions.guard.manoeuvres import check_throttles

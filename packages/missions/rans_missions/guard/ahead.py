@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.effectors.motion import states_at_checks
-from rans.extend import Body, Field, World
-from rans.randomization.parameters import StepInputs
+from rans.extend import Body, Field, StepInputs, World
 from rans.tasks.base import goal_after
 from rans_missions.guard.expected import Reserve
 

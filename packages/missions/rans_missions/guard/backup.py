@@ -10,8 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.episode import Command
-from rans.extend import Field, World, leaves, map_leaves
+from rans.extend import Command, Field, World, leaves, map_leaves
 from rans_missions.guard.ahead import SLACK, Ahead
 from rans_missions.guard.coasting import Coasting, periods_of
 from rans_missions.guard.expected import PERIODS, Reserve

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Ball, Field, absolute, at_least, map_leaves
-from rans.model.drift import FREE
+from rans.extend import FREE, Ball, Field, absolute, at_least, map_leaves
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.rows import count, is_array
 

@@ -9,8 +9,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.episode import Command
-from rans.extend import ConfigError, Field, Spacecraft, Vec2, Vec3, Vector, World, at_least, where
+from rans.extend import (
+    Command,
+    ConfigError,
+    Field,
+    Spacecraft,
+    Vec2,
+    Vec3,
+    Vector,
+    World,
+    at_least,
+    where,
+)
 
 _OPEN = 0.5
 """Score above which a thruster opens: within 60 degrees of the direction. Among thrusters along the axes of a

@@ -21,10 +21,10 @@ from rans.extend import (
     load_spacecraft,
     progress,
     ready_folder,
+    stages,
     whole,
     word,
 )
-from rans.terminal import stages
 
 if TYPE_CHECKING:
     from rans_missions.improve.search import Improved
@@ -54,10 +54,8 @@ def improve(
         ConfigError: one of these does not exist, the craft has other thrusters, or no flight solves the task from
             any start.
     """
-    from rans.extend import TASKS, Setup, contestant, scenarios
-    from rans.model.actuators import Throttle
+    from rans.extend import TASKS, Setup, Throttle, contestant, scenarios, typed
     from rans.policy.timing import timing_of_file
-    from rans.registry import typed
     from rans_missions.improve import search
 
     whole("--episodes", episodes)
@@ -130,8 +128,7 @@ class Improve(Options):
 
     def following(self) -> tuple[str, ...]:
         """The command that compares the first contestant with the flights found."""
-        from rans.extend import TASKS
-        from rans.registry import typed
+        from rans.extend import TASKS, typed
 
         # An agent says what it flies, and so does a controller with its task.
         first = next((text for text in self.contestants if ":" in text), self.contestants[0])

@@ -7,8 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import Flight, Spacecraft, Vec2, Vec3, map_leaves
-from rans.model.coordinates import coordinates
+from rans.extend import Flight, Spacecraft, Vec2, Vec3, coordinates, map_leaves
 
 
 class Manner(NamedTuple):

@@ -15,9 +15,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import impulses, won
-from rans.extend import Flight, Scenario, Setup, Task, fly, last_fifth, map_leaves
-from rans.model.coordinates import coordinates
+from rans.evaluation.measure.metrics import won
+from rans.extend import (
+    Flight,
+    Scenario,
+    Setup,
+    Task,
+    coordinates,
+    fly,
+    impulses,
+    last_fifth,
+    map_leaves,
+)
 from rans_missions.improve.following import MANNERS, Following
 from rans_missions.script import Script
 

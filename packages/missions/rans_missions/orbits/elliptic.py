@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.extend import Field, Quat, Vec2, Vec3, floor, sqrt
-from rans.model.drift import AnyVector, arctangent, cosine, sine
+from rans.extend import AnyVector, Field, Quat, Vec2, Vec3, cosine, floor, sine, sqrt
+from rans.model.drift import arctangent
 from rans_missions.orbits.uneven import UnevenOrbit
 
 MOST_ECCENTRIC = 0.9

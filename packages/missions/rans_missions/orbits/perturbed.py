@@ -13,8 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rans.extend import ClohessyWiltshire, Field, Quat, Vec2, Vec3
-from rans.model.drift import AnyVector, cosine, sine
+from rans.extend import AnyVector, ClohessyWiltshire, Field, Quat, Vec2, Vec3, cosine, sine
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.uneven import UnevenOrbit
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from rans.extend import Drift, Field, Vec2, Vec3
-from rans.model.drift import AnyVector
+from rans.extend import AnyVector, Drift, Field, Vec2, Vec3
 
 
 def velocity_to_reach(drift: Drift, p: AnyVector, target: AnyVector, time: Field) -> AnyVector:

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.extend import Body, ConfigError, Drift, Spacecraft, bounds
+from rans.extend import Body, ConfigError, Drift, Spacecraft, bounds, largest
 from rans.model.body import numbers
-from rans.randomization.conditions import largest
 from rans_missions.slosh.swinging import DECAY, MOST_STEPS, STEP, paces
 
 if TYPE_CHECKING:

@@ -6,9 +6,19 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from rans.effectors.effector import Action, Begun, Effector
-from rans.extend import Body, ConfigError, Drift, Spacecraft, Timing, brief, is_finite
-from rans.model.spacecraft import CommandRange
+from rans.extend import (
+    Action,
+    Begun,
+    Body,
+    CommandRange,
+    ConfigError,
+    Drift,
+    Effector,
+    Spacecraft,
+    Timing,
+    brief,
+    is_finite,
+)
 from rans_missions.slosh import checks, swinging
 from rans_missions.slosh.checks import MOST
 from rans_missions.slosh.swinging import LARGEST

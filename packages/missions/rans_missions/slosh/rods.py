@@ -19,8 +19,7 @@ from pydrake.multibody.tree import (
 )
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from rans.extend import Body, Spacecraft
-from rans.reference.further import DrakeMass
+from rans.extend import Body, DrakeMass, Spacecraft
 
 
 def in_drake(pendulum: Any) -> Rods:

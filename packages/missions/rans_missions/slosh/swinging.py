@@ -14,10 +14,23 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.effectors.effector import Begun, Effector, JointMotion
-from rans.extend import Body, Drift, Field, Spacecraft, Timing, Vec3, Wrench, counted, map_leaves
+from rans.extend import (
+    Begun,
+    Body,
+    CommandRange,
+    Drift,
+    Effector,
+    Field,
+    JointMotion,
+    Spacecraft,
+    Store,
+    Timing,
+    Vec3,
+    Wrench,
+    counted,
+    map_leaves,
+)
 from rans.model.dynamics import NODES
-from rans.model.spacecraft import CommandRange, Store
 from rans_missions.slosh.pendulum import Pair
 
 if TYPE_CHECKING:

@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from rans.extend import (
+    FREE,
+    AngularVelocity,
     Ball,
     Cone,
     ConfigError,
@@ -29,9 +31,8 @@ from rans.extend import (
     is_used,
     nearness,
     speed,
+    step_goal,
 )
-from rans.model.drift import FREE, step_goal
-from rans.tasks.observation_terms import AngularVelocity
 
 
 @dataclass(frozen=True)

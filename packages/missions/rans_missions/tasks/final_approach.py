@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar
 
 from rans.extend import (
+    FREE,
     Ball,
     ClohessyWiltshire,
     Cone,
@@ -27,8 +28,8 @@ from rans.extend import (
     Vector,
     VectorInW,
     nearness,
+    step_goal,
 )
-from rans.model.drift import FREE, step_goal
 
 
 @dataclass(frozen=True)

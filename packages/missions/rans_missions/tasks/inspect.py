@@ -21,7 +21,9 @@ from rans.extend import (
     Information,
     InformationInW,
     ObservationTerm,
+    Quantity,
     Random,
+    Scalar,
     Shape,
     SingleTask,
     State,
@@ -32,13 +34,12 @@ from rans.extend import (
     VectorInW,
     at_least,
     cos,
+    declare,
     is_used,
     sin,
     sqrt,
     where,
 )
-from rans.tasks.observation_terms import Scalar
-from rans.tasks.quantities import Quantity, declare
 from rans_missions.passive_safety import CoastZone
 
 declare(

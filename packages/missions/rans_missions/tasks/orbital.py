@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.display import Settings
 from rans.extend import (
+    AdvisedVelocityChange,
     Ball,
     ClohessyWiltshire,
     ConfigError,
@@ -35,7 +36,6 @@ from rans.extend import (
     sin,
     where,
 )
-from rans.tasks.observation_terms import AdvisedVelocityChange
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.guidance.arrival import TIME_ROUNDING
 from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse

@@ -19,9 +19,9 @@ from rans.extend import (
     map_leaves,
     progress,
     scenarios,
+    stages,
     whole,
 )
-from rans.terminal import stages
 from rans_missions.control.circumnavigation import Circumnavigation
 from rans_missions.orbits.earth import EARTH
 from rans_missions.team.bound import team_bound

@@ -23,9 +23,7 @@ from xml.etree import ElementTree
 
 import rans
 from rans.deploy.c.compiler import FLAGS
-from rans.deploy.c.files import write_c
-from rans.extend import ConfigError, Ports, Program, read_bytes
-from rans.files import replace_file
+from rans.extend import ConfigError, Ports, Program, read_bytes, replace_file, write_c
 
 _LARGEST = 2**28
 """Bytes of a file that goes into the archive; sources of agents have a hundredth of it."""

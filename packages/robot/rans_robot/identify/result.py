@@ -16,18 +16,18 @@ from rans.extend import (
     Conditions,
     ConfigError,
     Spacecraft,
+    ThrusterConditions,
     conditions_text,
     ready_folder,
+    to_toml,
     write_json,
     write_text,
 )
-from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import (
     BodyConditions,
     DisturbanceConditions,
     SensorConditions,
     SensorsConditions,
-    ThrusterConditions,
 )
 from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
 

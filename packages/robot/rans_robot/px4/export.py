@@ -8,8 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rans.deploy.c.files import write_c
-from rans.extend import ConfigError, Ports, Program, write_text, written_columns
+from rans.extend import ConfigError, Ports, Program, write_c, write_text, written_columns
 from rans_robot.interfaces import PX4_MOTOR_COUNT
 
 
