@@ -18,15 +18,16 @@ from rans.verdict import Failure
 
 
 def test_a_flight_tells_what_it_drew(setup: Setup) -> None:
-    chances = Chances.of(setup._replace(conditions=sized(load_conditions("lab"))))
+    chances = Chances.of(setup._replace(conditions=sized(load_conditions("harsh"))))
     own = chances.draws(
-        np.full((len(chances.places), 1), 0.5), np.zeros(1, np.int32), np.full(1, 2.0)
+        np.full((len(chances.places), 1), 0.5), np.zeros(1, np.int32), np.full(1, 1.5)
     )
     said = drew(chances, own)
-    # The middle of every range of lab: mass 1, thrust 1, force 0.125 N and so on; twice that.
+    # The middle of every range of harsh: mass 1.35, thrust 1, force 0.15 N and so on; 1.5 times that.
     assert said["start"] == "3.5 m from the goal"
-    assert said["factor on the mass"] == "1"
-    assert {"0.1 s", "0.06 s", "0.25 N", "0.03 N m"} < {*said.values()}
+    assert said["factor on the mass"] == "1.53"
+    assert {"0.15 s", "0.075 s", "0.225 N", "0.075 N m"} < {*said.values()}
+    assert said["age of the readings"] == "1 control periods"  # of 1.5
     assert said["factor on the force of each thruster"] == ", ".join(["1"] * 8)
 
 

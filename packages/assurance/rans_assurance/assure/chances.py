@@ -104,14 +104,17 @@ class _Given(Random):
     def whole(self, values: Any) -> Field:
         """Whole number within a range, see `Random.whole`."""
         low, high = bounds(values)
-        return floor(self._sized(low if low == high else super().whole(values), values) + 1e-6)
+        value = low if low == high else super().whole(values)
+        return self._sized(value, values, is_whole=True)
 
-    def _sized(self, value: Field, values: Any) -> Field:
+    def _sized(self, value: Field, values: Any, is_whole: bool = False) -> Field:
         """A number drawn from a range at the size of these draws; of a `Sized` range it is noted."""
         size = self._draws.size
         if size is None or not isinstance(values, Sized):
             return value
         result = values.nominal + (value - values.nominal) * size
+        if is_whole:
+            result = floor(result + 1e-6)
         self._draws.noted.setdefault(values.name, []).append(result)
         return result
 
