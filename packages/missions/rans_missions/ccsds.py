@@ -215,7 +215,7 @@ def read_opm(file: str | Path) -> OrbitState:
             f"the speed of {file} must be at most {_FASTEST / 1e3:g} km/s, as of every orbit around the Earth, got "
             f"{speed / 1e3:,.6g} km/s: the usual cause are numbers in m/s, which take [m/s] behind them."
         )
-    if burns := text.count("\nMAN_EPOCH_IGNITION"):
+    if burns := len(re.findall(r"^\s*MAN_EPOCH_IGNITION", text, re.MULTILINE)):
         warnings.warn(
             f"{file} has {counted(burns, 'manoeuvre')}, which RANS does not read: the state is that before them.",
             RansWarning,

@@ -605,7 +605,7 @@ def exported_agent(folder: Path) -> Any:
     if right != count:
         raise ConfigError(
             f"{count - right} of {count} golden pairs of {folder} come out wrong: its files are of "
-            "different agents or versions, or damaged."
+            "different agents or versions, or damaged. Write it anew, by rans export or rans identify --excite."
         )
     agent.reset()
     return agent

@@ -26,8 +26,9 @@ _FEW_WINDOWS = 4
 the time of one of arrays, however few their entries are."""
 _BRISK = 1e-4
 """s: a rise below it counts as a delay of half of it, since a mean over no time is rounding."""
-_AFTER = 3.0
-"""Control periods after the last command of a log, at which its last reading is past."""
+_AFTER = 10.0
+"""Control periods after the last command of a log, at which its last reading is past: that is within two periods
+of when the command was recorded, which may be some periods after it was given."""
 
 
 @dataclass(frozen=True)
