@@ -9,7 +9,7 @@ import inspect
 import re
 import tomllib
 import unicodedata
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import cache, partial
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -131,15 +131,6 @@ def _check_effort(text: str) -> None:
     dots = _OF_KEYS.sub("", rest)  # a key of n parts leaves n - 1 dots in a row
     if "." * _MOST_PARTS in dots:
         raise ConfigError(f"a dotted key of a TOML text may have at most {_MOST_PARTS} parts.")
-
-
-def entries(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield every entry of a nested table with its full name, such as ppo.gamma."""
-    for name, value in table.items():
-        if isinstance(value, Mapping):
-            yield from entries(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:

@@ -354,17 +354,6 @@ class Spacecraft(NotebookRepr):
         """Number type in which commands are stored."""
         return self.actuators.dtype if self.has_only_thrusters else "float32"
 
-    @cached_property
-    def least_spread(self) -> float:
-        """Plane: moment of inertia, kg m^2. Space: least second moment of the mass along a line, kg m^2.
-
-        A point mass m at a distance d adds at most m d^2 to it, and a body is rigid if it is not negative.
-        """
-        if self.dimension == 2:
-            return self.inertia[2][2]
-        moments = np.linalg.eigvalsh(np.array(self.inertia))
-        return float(0.5 * moments.sum() - moments[-1])
-
     @property
     def lightest(self) -> float:
         """Mass with an empty tank over mass with a full tank."""
