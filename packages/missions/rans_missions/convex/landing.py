@@ -367,7 +367,8 @@ def least_propellant(
     needed = max(0.0, float(np.linalg.norm(change)) - descent.velocity_tolerance)
     # Engines throttled one by one may waste less than all together.
     used, along, across = np.array(lander.corners or ((1.0, 1.0, 0.0),)).T
-    exhaust = lander.exhaust_speed * float((np.hypot(along, across) / used).max())
+    lit = used > 0.0
+    exhaust = lander.exhaust_speed * float((np.hypot(along, across)[lit] / used[lit]).max())
     most = min(lander.propellant, lander.largest_thrust / lander.exhaust_speed * time)
     least = max(
         lander.mass * -math.expm1(-needed / exhaust),

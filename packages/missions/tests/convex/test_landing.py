@@ -78,6 +78,9 @@ def test_no_landing_is_below_the_rocket_equation_of_its_flight_time(apart: bool)
     # A thrust that is too weak, and more than all that it has.
     assert least_propellant(lander, descent, down, 6.0) == math.inf
     assert least_propellant(lander, descent, down, 400.0) == math.inf
+    # Engines that can go out have a thrust without a flow, too.
+    shut = replace(lander, corners=(*lander.corners, (0.0, 0.0, 0.0)) if apart else ())
+    assert least_propellant(shut, descent, down, 50.0) == floor
 
 
 @pytest.mark.slow
