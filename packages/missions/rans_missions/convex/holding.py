@@ -3,7 +3,7 @@
 A flight that arrives at any check between two, and stays for a time, is within the tolerances at all checks from
 the later of the two to the earlier one plus that time. The flight of least impulse that is so at some of these
 checks follows from a second-order cone program, whose multipliers bound the impulse of all flights by weak duality
-(`rans_missions.convex.demands`). The bound is computed from them: it holds for any multipliers.
+(`rans_missions.convex.cone_program`). The bound is computed from them: it holds for any multipliers.
 
 A flight drifts through the tolerances for most of the stay: its program keeps them at every check of the stay, and
 limits that are not convex by their tangents at the flight before. `rans_missions.bounds` prints its bounds and
