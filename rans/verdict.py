@@ -44,6 +44,7 @@ from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks.base import Task
+from rans.tasks.derived import is_constrained
 
 
 class Failure(IntEnum):
@@ -90,7 +91,7 @@ def kinds_of_failure(task: Task) -> tuple[Failure, ...]:
     lasts = kind.done is Task.done
     possible = [Failure.NOT_FINITE, Failure.TERMINATED]
     possible += [Failure.LEFT, Failure.UNSETTLED, Failure.LATE] if lasts else [Failure.UNFINISHED]
-    if kind.constraints is not Task.constraints:
+    if is_constrained(task):
         possible.append(Failure.VIOLATED)
     return tuple(sorted(possible))
 

@@ -204,9 +204,11 @@ def _kind(name: str, parameter: inspect.Parameter, function: Callable[..., Any])
     """Type that the terminal reads for a parameter of a function, from its annotation, as tyro takes it."""
     if name == "trust":
         return Trust
-    kind = eval(
-        parameter.annotation, function.__globals__
-    )  # annotations are texts of our own source
+    kind = parameter.annotation
+    if isinstance(
+        kind, str
+    ):  # of the function's own source, as `from __future__ import annotations` leaves it
+        kind = eval(kind, function.__globals__)
     parts = get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
     parts = tuple(part for part in parts if part is not NoneType)
     if State in parts:

@@ -306,5 +306,10 @@ def typed_observation(task: Task, state: State, goal: State) -> Observation:
 
 
 def observation(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """Columns of the observation, as `typed_observation`; `rans.tasks.observation_columns` names them."""
-    return typed_observation(task, state, goal).columns()
+    """Columns of the observation, as `typed_observation`; `rans.tasks.observation_columns` names them.
+
+    Numbers of a task, which are the same for all states, become fields as the others are.
+    """
+    zero = state.attitude.columns()[0] * 0.0
+    columns = typed_observation(task, state, goal).columns()
+    return tuple(zero + x if isinstance(x, int | float) else x for x in columns)

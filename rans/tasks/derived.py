@@ -146,6 +146,12 @@ def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
     )
 
 
+def is_constrained(task: Task) -> bool:
+    """Whether flights may break a constraint: the task defines `limits` or `constraints`."""
+    kind = type(task)
+    return kind.limits is not Task.limits or kind.constraints is not Task.constraints
+
+
 def goal_stands_still(task: Task) -> bool:
     """Whether the goal is constant over an episode: the task defines neither `later` nor `remember`."""
     kind = type(task)

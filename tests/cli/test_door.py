@@ -66,6 +66,19 @@ def test_an_argument_has_one_default_and_one_text(name: str) -> None:
             assert text[1:60] in told[option], option
 
 
+def test_annotations_may_be_types_or_texts() -> None:
+    """As a module without `from __future__ import annotations` has them."""
+    names: dict[str, Any] = {}
+    source = 'def double(length: int = 3) -> int:\n    """Double.\n\n    Args:\n        length: of it.\n    """'
+    exec(compile(source, "own", "exec", dont_inherit=True), names)
+
+    @command_of(names["double"])
+    class Double(Options):
+        """Double a length."""
+
+    assert {field.name: field.default for field in dataclasses.fields(Double)}["length"] == 3
+
+
 def test_what_python_declares_cannot_be_declared_again() -> None:
     """Neither with another default nor under another text."""
     with pytest.raises(TypeError, match="Twice declares width of its function again"):

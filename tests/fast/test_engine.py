@@ -11,10 +11,12 @@ import torch
 from rans.errors import ConfigError
 from rans.fast.engine import Engine
 from rans.model.body import Body
+from rans.model.fields import Vec2
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
+from rans.tasks.observation_terms import VectorInW
 from tests.support.engines import (
     FLYER,
     NEAR,
@@ -29,6 +31,23 @@ from tests.support.engines import (
 def first_observation(craft: Spacecraft, seed: int, episode: int) -> np.ndarray:
     chosen = scenario(NEAR, craft.dimension, seed, episode)
     return np.array(observation(NEAR, chosen.start, chosen.goal))
+
+
+class ToALine(GoToPose):
+    """Shown the way to the line y = 0 alone: a column is a number."""
+
+    def observation_terms(self, state: Any, goal: Any) -> Any:
+        """See the base."""
+        _, turn = super().observation_terms(state, goal)
+        return VectorInW("d", "m", Vec2(0.0, goal.p.y - state.p.y)), turn
+
+
+@by_turns
+def test_a_number_is_a_column(backend: Any, craft: Spacecraft) -> None:
+    if craft.dimension == 2:
+        engine = backend(craft, ToALine(), 4, SHORT, seed=3)
+        assert torch.equal(engine.reset(seed=1)[:, 6], torch.zeros(4))
+        assert engine.step(actions(craft, 4, 1)[0]).observation[:, 7].ne(0.0).all()
 
 
 @by_turns

@@ -136,6 +136,10 @@ class Restless:
             share = np.clip(torque @ strongest.T / (strongest**2).sum(axis=1), -1.0, 1.0)
             share *= np.where(self._random.random(share.shape) < 0.05, -1.0, 1.0)
             outputs = np.hstack([outputs, 0.5 + 0.5 * share])
+        # Whatever else has commands follows nothing.
+        further = len(self._craft.commands) - outputs.shape[1]
+        if further:
+            outputs = np.hstack([outputs, self._random.random((len(outputs), further))])
         return np.stack(of_outputs(self._craft, tuple(outputs.T)), axis=1)
 
 

@@ -62,7 +62,7 @@ def stress(
 
     >>> found = rans.stress("go-to-pose-2d", only=["latency"], episodes=8, workers=1)
     >>> found.section.tables[1].rows[0][:2]
-    ['latency', 's']
+    ('latency', 's')
 
     Args:
         *contestants: see `rans.api.judging.compare`; after it, the name of a controller is enough, such as lqr.

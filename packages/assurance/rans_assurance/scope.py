@@ -17,6 +17,7 @@ import numpy as np
 
 from rans.display import default, meanings
 from rans.extend import QUANTITIES, Conditions, Scenario, Setup, Task, counted, last_fifth, leaves
+from rans.tasks.derived import is_constrained
 
 _NAMED = 3
 """Largest number of ranges of conditions in a sentence."""
@@ -88,7 +89,7 @@ def requirement(setup: Setup) -> str:
         won = (kind.done.__doc__ or "").strip().partition("\n")[0].rstrip(".")
         won = won.removeprefix("Whether ")
         text = f"the mission is won in time: {won[:1].lower()}{won[1:]}"
-        if kind.constraints is not Task.constraints:
+        if is_constrained(task):
             text += ", without a violated constraint"
         return text + (f" ({bounds})" if bounds else "")
     steps = setup.timing.episode_steps

@@ -31,8 +31,8 @@ from rans.progress import Progress, unseen
 from rans.scenario import Scenario
 from rans.table import Table
 from rans.tasks.base import Task
-from rans.tasks.derived import goal_stands_still
-from rans.tasks.goal_set import REST_SPEED, REST_SPIN, aims
+from rans.tasks.derived import goal_stands_still, is_constrained
+from rans.tasks.goal_set import REST_SPEED, REST_SPIN, aims, check_errors
 
 CERTIFIED = (
     "The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
@@ -140,17 +140,19 @@ def goal_set(task: Task) -> GoalSet:
     """Goal set of a task: its tolerances, and rest if it has a tolerance for the position.
 
     Raises:
-        ConfigError: the task has a drift, a moving goal or constraints, which the bounds do not include.
+        ConfigError: the task has a drift, a moving goal, constraints or errors that leave a direction free, which
+            the bounds do not include.
     """
     if task.drift != FREE or not goal_stands_still(task):
         has = "a goal that moves" if task.drift == FREE else task.drift.name
         raise ConfigError(
             f"bounds are for free flight to a goal that stands still; {type(task).__name__} has {has}."
         )
-    if type(task).constraints is not Task.constraints:
+    if is_constrained(task):
         raise ConfigError(
             f"bounds are for motion without constraints, and {type(task).__name__} has some."
         )
+    check_errors(task)
     tolerances = task.tolerances()
     return GoalSet(
         tolerances.get("position", 0.0),

@@ -26,6 +26,7 @@ from rans.optimal.trajectory.allocation import Allocation, check_aims, inertia
 from rans.optimal.trajectory.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks import Task
+from rans.tasks.derived import is_constrained
 from rans.tasks.settings import check_settings
 
 
@@ -211,7 +212,7 @@ class ModelBased:
             )
         if not self.follows_orbits:
             steady(self._task.drift, f"{self.name} computes once")
-        if type(self._task).constraints is not Task.constraints and not self.heeds_constraints:
+        if is_constrained(self._task) and not self.heeds_constraints:
             warnings.warn(
                 f"{self.name} does not know the constraints of {type(self._task).__name__} and may violate "
                 "them; MPC keeps them.",

@@ -24,7 +24,7 @@ from rans.evaluation.compare.bounds import (
     question,
     staying_set,
 )
-from rans.model.fields import Heading, Vec2
+from rans.model.fields import Heading, Vec2, absolute
 from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
@@ -33,6 +33,8 @@ from rans.optimal.certificate.problem import SearchEffort, Unreachable
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
 from rans.tasks.goal_set import aims
+from rans.tasks.shapes import Ball
+from rans.verdict import Failure, kinds_of_failure
 from tests.support import plugins
 
 plugins.register()
@@ -225,6 +227,32 @@ def test_goal_set_of_a_task() -> None:
     assert goal_set(GoToPose()) == GoalSet(0.05, 0.05, degrees, degrees)
     tracked = TrackVelocity()
     assert goal_set(tracked) == GoalSet(0.0, tracked.tolerances()["velocity"], 0.0, degrees)
+
+
+class OnALine(GoToPose):
+    """Reached wherever y is that of the goal."""
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+        """See the base."""
+        return super().errors(state, goal) | {"position": absolute(goal.p.y - state.p.y)}
+
+
+class BesideAWall(GoToPose):
+    """With a constraint."""
+
+    def limits(self, goal: Any) -> dict[str, Any]:
+        """A ball to keep out of."""
+        return {"wall": Ball(goal.p, goal.v, 0.1)}
+
+
+def test_what_leaves_a_direction_free_or_has_limits_is_not_bounded() -> None:
+    """Bounds for the whole pose would be beaten by its flights, and those without limits say too little."""
+    with pytest.raises(ConfigError, match="OnALine counts as reached what is farther"):
+        goal_set(OnALine())
+    with pytest.raises(ConfigError, match="without constraints, and BesideAWall has some"):
+        goal_set(BesideAWall())
+    assert Failure.VIOLATED in kinds_of_failure(BesideAWall())
+    assert Failure.VIOLATED not in kinds_of_failure(OnALine())
 
 
 def test_least_time_is_searched_beyond_that_of_a_slow_craft(

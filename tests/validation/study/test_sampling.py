@@ -13,7 +13,9 @@ from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
 from tests.support.states import spatial
+from tests.support.torquer import TURNED
 from validation.study.sampling import (
+    Restless,
     gap_checks,
     gaps,
     random_states,
@@ -43,6 +45,14 @@ def couple(force: float, arm: float = 0.5) -> Spacecraft:
 def test_long_ways_loosen_in_proportion(way: float, factor: float) -> None:
     """10 m and less count as they are, 25 m two and a half times."""
     assert reach(planar([0.0, -way])) == factor
+
+
+def test_whatever_has_commands_is_commanded() -> None:
+    """Thrusters, and a torquer from -1 to 1."""
+    start = random_states(2, 0, 5)
+    flown = Restless(TURNED, 0).act(start, start, np.zeros((5, 1)))
+    assert flown.shape == (5, len(TURNED.commands))
+    assert len({*flown[:, -1]}) == 5
 
 
 def test_gaps_in_the_plane() -> None:
