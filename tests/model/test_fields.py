@@ -126,6 +126,7 @@ def test_a_fraction_is_never_more_than_all(
 
 FLOORS = {"at_least", "max", "maximum", "clamp"}
 PROVED = {
+    "conditions._check_propellant": "a vector over its length: at most 1",
     "drift.step_goal": "sin(rate t / 2) over the rate, a root: at most t / 2",
     "fields.fraction_of": "from 0 to 1",
     "passive_safety._least_of_segments": "a vector over its length: at most 1",
