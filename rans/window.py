@@ -94,7 +94,7 @@ class Window:
 
 
 _Answer = Callable[[str], tuple[str, Iterable[bytes]]]
-"""Of the path of a request: type and parts of the content."""
+"""Function of a request's path that returns the type of the content and its parts."""
 
 
 class _Handler(BaseHTTPRequestHandler):

@@ -48,7 +48,7 @@ def test_copies_fly_on_as_the_environment_does(name: str, conditions: str | None
 @CONTINUOUS
 @pytest.mark.parametrize("name", [*BOXES, None])
 def test_actions_one_number_out_of_range_are_the_bounds(name: str | None) -> None:
-    """Of a batch, too. Formulas of trainers end an ulp beside a bound; what is farther out is a mistake."""
+    """A batch takes them, too. Formulas of trainers end an ulp beside a bound; what is farther out is a mistake."""
     environment: Any = gymnasium.make(name) if name else gymnasium.make_vec(BOXES[0], num_envs=1)
     space: Any = environment.action_space
     for bound, outwards in ((space.high, np.inf), (space.low, -np.inf)):

@@ -93,13 +93,13 @@ def one_of_two_apart(rank: int, folder: Path) -> None:
     """A process of two, which work on flights of their own."""
     torch.set_num_threads(1)
     dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
-    torch.save(told(Processes(rank, 2)), folder / f"{rank}-apart.pt")
+    torch.save(counted_flights(Processes(rank, 2)), folder / f"{rank}-apart.pt")
     dist.barrier()
     os._exit(0)  # see above
 
 
-def told(world: Processes = ALONE) -> dict[str, Any]:
-    """What a process knows at the end of 7 and 5 flights."""
+def counted_flights(world: Processes = ALONE) -> dict[str, Any]:
+    """Number and list of the flights that a process knows after 7 and then 5 of them."""
     craft = load_spacecraft("floating-platform")
     task = TASKS["go-to-pose"]()
     engine = Engine(craft, task, 1)
@@ -144,7 +144,7 @@ def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
 def test_processes_that_work_apart_know_what_one_would(tmp_path: Path) -> None:
     """Flights are divided, and what became of all is known to all."""
     start_processes(one_of_two_apart, (tmp_path,), nprocs=2)
-    alone = told()
+    alone = counted_flights()
     assert len(alone["listed"]) == alone["flights"] == 12  # an untrained agent fails
     for rank in range(2):
         assert torch.load(tmp_path / f"{rank}-apart.pt", weights_only=False) == alone

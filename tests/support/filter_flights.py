@@ -36,7 +36,7 @@ def in_body(craft: Spacecraft, task: Task, columns: Sequence[Any]) -> list[np.nd
 def followed(
     world: World, filters: Filter, given: Any
 ) -> Iterator[tuple[Episode, list[np.ndarray], list[Any]]]:
-    """Of every step of a flight the episode, what is read of it and what the filter remembered before."""
+    """Yield the episode at every step of a flight, what is read of it and what the filter remembered before."""
     craft, task = world.craft, world.task
     body = layout(task, craft.dimension).body
     own = draws(SEED, COUNT)

@@ -335,7 +335,7 @@ class Oracle:
         return rod, _cross((0.0, 0.0, rate), rod)
 
     def _whole(self, left: float) -> tuple[float, np.ndarray, np.ndarray, np.ndarray]:
-        """Of hub and tank the mass, its moments about B's origin, and inertia about the parts' own centres."""
+        """Mass of hub and tank, its moments about B's origin, and inertia about the parts' own centres."""
         first = self.hub * self.hub_arm + left * self.arm
         second = self.hub * _about(self.hub_arm) + left * _about(self.arm)
         return self.hub + left, first, second, self.hub_inertia + left * self.round

@@ -137,7 +137,7 @@ def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None
 
 @pytest.mark.parametrize("kind", ["Tanh", "Sigmoid", "Relu", ""])
 def test_planes_hold_what_single_precision_answers(kind: str) -> None:
-    """Those of the checker; the prover compares its own with ONNX Runtime whenever it reads a file."""
+    """The checker's planes do; the prover compares its own with ONNX Runtime whenever it reads a file."""
     content = cancelling(kind)
     network.network_of(content, "net.onnx")
     states = (1e-3 * STATES[:20]).astype(np.float32)

@@ -20,7 +20,7 @@ _ROUNDS = 200
 _CLOSE = 3e-4
 """Rise of a bound, relative, that is not worth another cutting plane."""
 _SMALL = 1e-6
-"""The same over what all multipliers of size 1 give together."""
+"""Rise of a bound, over the value that all multipliers of size 1 give, that is not worth another cutting plane."""
 _ROUNDING = 1e-8
 """Relative part of a bound that is subtracted for rounding: wrenches count as one where they agree to 1e-9."""
 _LARGEST = 30.0
@@ -56,7 +56,7 @@ class Turning(NamedTuple):
 
     @classmethod
     def none(cls, count: int) -> Turning:
-        """Of so many intervals, where nothing has to turn."""
+        """A turning without multipliers in ``count`` intervals, for craft and goals where nothing has to turn."""
         nothing = np.zeros(0)
         return cls(nothing, nothing, np.zeros((count, 2, 0)), np.zeros((count, 0)), ())
 

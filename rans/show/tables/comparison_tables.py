@@ -207,10 +207,10 @@ def differences(comparison: Comparison) -> dict[str, Scores]:
 
 
 def _signs(comparison: Comparison) -> dict[tuple[str, str], tuple[int, int]]:
-    """Of every two contestants whether the first has surely less time, and less impulse, -1, or more, 1; else 0.
+    """Signs of the differences in time and impulse of every two contestants: -1 where the first surely has less.
 
-    It is so where the 95 % intervals of the differences from the same starts leave no doubt, which takes at least
-    six starts; there is none of fewer.
+    It is 1 where it surely has more, else 0. Sure is what the 95 % intervals of the differences from the same
+    starts leave no doubt of, which takes at least six starts; of fewer there is none.
     """
     if comparison.contest.episodes < _FEWEST:
         return {}

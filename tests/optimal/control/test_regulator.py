@@ -21,7 +21,7 @@ PLATFORM = load_spacecraft("floating-platform")
 
 
 def axis_of(deviation: float | None, push: float = PUSH) -> Gains:
-    """Of a double integrator; a speed of 0.3 m/s costs 1 where no deviation is held."""
+    """Gains of a regulator of a double integrator; a speed of 0.3 m/s costs 1 where no deviation is held."""
     return Gains.of(LinearMotion.free(1, PERIOD), push, 0.3, deviation)
 
 
