@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rans.errors import ConfigError
+from rans.model.fields import Heading, Quat, Vec3
 from rans.tasks.base import Task
 from rans.tasks.derived import dimensions, example_state
 
@@ -70,8 +71,8 @@ _TRIED = 256
 def check_errors(task: Task) -> None:
     """Refuse a task that counts as reached what is beyond a tolerance, such as all places along a line.
 
-    Bounds are for errors that are the whole distance to the goal, or the whole relative velocity. Angles are not
-    tried.
+    Bounds are for errors that are the whole distance to the goal, the whole angle of the rotation to it, or the
+    whole relative velocity or spin.
 
     Raises:
         ConfigError: a state is reached, although one of these is larger than its tolerance.
@@ -80,18 +81,42 @@ def check_errors(task: Task) -> None:
         start, goal = example_state(task, dimension)
         at_goal = replace(start, p=goal.p, attitude=goal.attitude, v=goal.v, w=goal.w)
         random = np.random.default_rng(0)
-        tolerances = {k: x for k, x in task.tolerances().items() if k in ("position", "velocity")}
-        for name, tolerance in tolerances.items():
+        for name, tolerance in task.tolerances().items():
+            if name not in (*_RATES, *_RATES.values()):
+                continue
             # Away from the goal by a little or by much, any way; along each axis too, and nothing else changes.
-            ways = random.normal(size=(dimension, _TRIED))
-            ways[:, : 2 * dimension] = np.hstack([np.eye(dimension), -np.eye(dimension)])
+            turns = 1 if dimension == 2 else 3
+            axes = turns if name in ("attitude", "spin") else dimension
+            ways = random.normal(size=(axes, _TRIED))
+            ways[:, : 2 * axes] = np.hstack([np.eye(axes), -np.eye(axes)])
             ways /= np.linalg.norm(ways, axis=0)
-            off = ways * tolerance * (1.01 + 10.0 ** random.uniform(-2.0, 2.0, _TRIED))
-            vector: Any = goal.v if name == "velocity" else goal.p
-            moved = type(vector)(*(x + y for x, y in zip(vector.columns(), off, strict=True)))
-            state = replace(at_goal, v=moved) if name == "velocity" else replace(at_goal, p=moved)
+            sizes = tolerance * (1.01 + 10.0 ** random.uniform(-2.0, 2.0, _TRIED))
+            if name == "attitude":
+                # Half a turn is the largest angle.
+                sizes = np.minimum(sizes, math.pi)
+                if sizes.min() <= tolerance:
+                    continue
+            state = _displaced(at_goal, name, ways * sizes)
             if np.any(np.broadcast_to(task.reached(state, goal), _TRIED)):
                 raise ConfigError(
                     f"bounds are for errors that are the whole distance to the goal; {type(task).__name__} counts "
                     f"as reached what is farther from its goal than its tolerance of {name}, {tolerance:g}."
                 )
+
+
+def _displaced(state: Any, name: str, off: np.ndarray) -> Any:
+    """A state with one quantity changed by vectors (axes, N): places, velocities, rotation vectors or spins."""
+    if name in ("position", "velocity"):
+        key = name[0]
+        vector = getattr(state, key)
+        moved = (x + y for x, y in zip(vector.columns(), off, strict=True))
+        return replace(state, **{key: type(vector)(*moved)})
+    if len(off) == 1:
+        if name == "spin":
+            return replace(state, w=state.w + off[0])
+        return replace(state, attitude=Heading(state.attitude.angle + off[0]))
+    if name == "spin":
+        return replace(state, w=state.w + Vec3(*off))
+    half = 0.5 * np.linalg.norm(off, axis=0)
+    turn = Quat(np.cos(half), *(0.5 * off * np.sinc(half / np.pi)))
+    return replace(state, attitude=state.attitude.times(turn))

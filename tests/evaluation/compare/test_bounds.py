@@ -24,14 +24,14 @@ from rans.evaluation.compare.bounds import (
     question,
     staying_set,
 )
-from rans.model.fields import Heading, Vec2, absolute
+from rans.model.fields import Heading, Vec2, absolute, sin
 from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.certificate.goal_set import GoalSet
 from rans.optimal.certificate.hull import staying_time
 from rans.optimal.certificate.problem import SearchEffort, Unreachable
 from rans.scenario import Scenario, each, scenarios
-from rans.tasks import GoToPose, GoToPosition, Task, TrackVelocity
+from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity
 from rans.tasks.goal_set import aims
 from rans.tasks.shapes import Ball
 from rans.verdict import Failure, kinds_of_failure
@@ -237,6 +237,25 @@ class OnALine(GoToPose):
         return super().errors(state, goal) | {"position": absolute(goal.p.y - state.p.y)}
 
 
+class EitherEnd(GoToPose):
+    """Reached with the nose at the goal or away from it."""
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+        """See the base."""
+        angle = state.attitude.to(goal.attitude).magnitude()
+        return super().errors(state, goal) | {"attitude": absolute(sin(angle))}
+
+
+class RollsFreely(TrackTwist):
+    """Tracked whatever the spin about the craft's first axis is."""
+
+    dimensions = (3,)
+
+    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+        """See the base."""
+        return super().errors(state, goal) | {"spin": absolute(state.w.z - goal.w.z)}
+
+
 class BesideAWall(GoToPose):
     """With a constraint."""
 
@@ -247,8 +266,11 @@ class BesideAWall(GoToPose):
 
 def test_what_leaves_a_direction_free_or_has_limits_is_not_bounded() -> None:
     """Bounds for the whole pose would be beaten by its flights, and those without limits say too little."""
-    with pytest.raises(ConfigError, match="OnALine counts as reached what is farther"):
-        goal_set(OnALine())
+    for free, quantity in ((OnALine, "position"), (EitherEnd, "attitude"), (RollsFreely, "spin")):
+        with pytest.raises(
+            ConfigError, match=f"{free.__name__} counts as .* tolerance of {quantity}"
+        ):
+            goal_set(free())
     with pytest.raises(ConfigError, match="without constraints, and BesideAWall has some"):
         goal_set(BesideAWall())
     assert Failure.VIOLATED in kinds_of_failure(BesideAWall())
