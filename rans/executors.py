@@ -12,7 +12,7 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import Executor, Future
+from concurrent.futures import BrokenExecutor, Executor, Future
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from contextvars import ContextVar
 from typing import Any, TypeVar
@@ -25,7 +25,7 @@ from rans.registry import resolve_typed
 
 Answer = TypeVar("Answer")
 
-FORMS = "MODULE:NAME of a function or a class that makes an executor"
+FORMS = "MODULE:NAME of a function or a class that makes an executor (docs/cluster.md)"
 """Text that `run_on` and ``--executor`` accept, for messages and help."""
 
 _ATTEMPTS = 4
@@ -41,13 +41,8 @@ def jobs_sent() -> int:
     return sum(_sent)
 
 
-def without_option(arguments: Sequence[str], name: str, forms: str) -> tuple[list[str], str | None]:
-    """Arguments of a command line without an option and its text; the text is None without the option.
-
-    Args:
-        arguments: words of the command line.
-        name: option, such as ``--executor``.
-        forms: texts that it accepts, in words, for the message.
+def without_executor(arguments: Sequence[str]) -> tuple[list[str], str | None]:
+    """Words of a command line without ``--executor TEXT``, and its text; None without the option.
 
     Raises:
         ConfigError: the text is missing.
@@ -57,18 +52,13 @@ def without_option(arguments: Sequence[str], name: str, forms: str) -> tuple[lis
     words = iter(arguments)
     for word in words:
         option, equals, value = word.partition("=")
-        if option != name:
+        if option != "--executor":
             rest.append(word)
             continue
         text = value if equals else next(words, "")
         if not text:
-            raise ConfigError(f"{name} must be {forms}; nothing follows it.")
+            raise ConfigError(f"--executor must be {FORMS}; nothing follows it.")
     return rest, text
-
-
-def without_executor(arguments: Sequence[str]) -> tuple[list[str], str | None]:
-    """Arguments of a command line without ``--executor TEXT``, and its text; see `without_option`."""
-    return without_option(arguments, "--executor", FORMS)
 
 
 @contextmanager
@@ -181,15 +171,15 @@ def answers(
                 if raised is not None:
                     raise raised
                 yield number, answer
-            elif attempts[number] < _ATTEMPTS:
+            elif attempts[number] < _ATTEMPTS and not isinstance(error, BrokenExecutor):
                 submit(number)
             elif dead is not None:
                 yield number, dead(*jobs[number])
             else:
+                times = f" {attempts[number]} times with the same job" * (attempts[number] > 1)
                 raise RansError(
-                    f"a worker that {work} was lost {_ATTEMPTS} times with the same job: {type(error).__name__}: "
-                    f"{first_line(error)}; usual causes are too little memory, a time limit, and workers without "
-                    "the packages of this machine."
+                    f"a worker that {work} was lost{times}: {type(error).__name__}: {first_line(error)}; usual "
+                    "causes are too little memory, a time limit, and workers without the packages of this machine."
                 ) from error
     finally:
         for future in numbers:
@@ -276,10 +266,10 @@ def use_one_thread() -> None:
 
 def _opened(text: str) -> Executor:
     """The executor of a text; see `run_on`."""
-    module, _, name = text.partition(":")
-    if not (module and name):
-        raise ConfigError(f"--executor must be {FORMS}; got {brief(text)}.")
-    executor = resolve_typed(text)()
+    try:
+        executor = resolve_typed(text)()
+    except ConfigError as error:
+        raise ConfigError(f"--executor must be {FORMS}; got {brief(text)}: {error}") from error
     if not isinstance(executor, Executor):
         raise ConfigError(
             f"--executor {text} must return a concurrent.futures.Executor, got {brief(executor)}."

@@ -100,7 +100,7 @@ import gymnasium, numpy, rans
 from rans.cli import main
 from rans.errors import ConfigError
 from rans.files import Lock, append_text, read_bytes, replace_file
-from rans.processes import submitted
+from rans.processes import Processes
 for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
@@ -140,8 +140,8 @@ os.utime(abandoned, (0, 0))
 replace_file(Path("file"), lambda draft: draft.write_text("new"))
 assert not abandoned.exists()
 
-with submitted(abs, [(-7,)], 1, dict, ()) as futures:
-    assert futures[0].result() == 7
+with Processes(1) as pool:
+    assert pool.submit(abs, -7).result() == 7
 
 import rans_command
 sys.argv = ["rans", "list"]

@@ -10,27 +10,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from rans.errors import RansError
-from rans.executors import use_one_thread
-from rans.processes import Workers, nothing, submitted
+from rans.processes import Processes, Workers, nothing
 from tests.support.processes import wait_until
-
-_made: list[str] = []
-
-
-def made_ready(word: str) -> None:
-    _made.append(word)
-
-
-def said(number: int) -> tuple[int, list[str], int]:
-    """What a worker knows: its job, what it was prepared with, and who it is."""
-    return number, list(_made), os.getpid()
 
 
 def waits(folder: Path, number: int) -> None:
@@ -62,22 +51,10 @@ def beats(folder: Path) -> None:
         time.sleep(0.01)
 
 
-def test_answers_come_in_the_order_of_the_jobs() -> None:
-    """Every worker is prepared once, before its first job, and is another process."""
-    with submitted(said, [(k,) for k in range(4)], 1, made_ready, ("once",)) as futures:
-        answers = [future.result() for future in futures]
-    assert [number for number, *_ in answers] == [0, 1, 2, 3]
-    assert {tuple(words) for _, words, _ in answers} == {("once",)}
-    assert os.getpid() not in {process for *_, process in answers}
-    assert len({process for *_, process in answers}) == 1
-
-
 @pytest.mark.slow
 def test_torch_has_one_thread_also_where_a_job_imports_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Two threads of a small network cost 5 s of processor time beside a first training, which waited for them."""
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
-    with submitted(threads_of, [(None,)], 1, use_one_thread, ()) as (threads,):
-        assert threads.result() == "1"
     assert list(Workers(nothing, count=2).ordered(threads_of, [(), ()])) == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "3"
 
@@ -87,20 +64,19 @@ def test_a_script_needs_no_guard_and_its_own_classes_travel(tmp_path: Path) -> N
     script = tmp_path / "script.py"
     script.write_text("""
 from dataclasses import dataclass
-from rans.processes import submitted
+from rans.processes import Workers
 
 @dataclass
 class Pair:
     first: int
     second: int
 
-def added(pair):
+def added(state, pair):
     return pair.first + pair.second + base[0]
 
 base = [100]
 print("once")
-with submitted(added, [(Pair(1, 2),), (Pair(3, 4),)], 2, dict, ()) as futures:
-    print([future.result() for future in futures])
+print([*Workers(dict, (), 2).ordered(added, [(Pair(1, 2),), (Pair(3, 4),)])])
 """)
     ended = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
     assert (ended.stdout, ended.stderr) == ("once\n[103, 107]\n", "")
@@ -108,10 +84,9 @@ with submitted(added, [(Pair(1, 2),), (Pair(3, 4),)], 2, dict, ()) as futures:
 
 def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
     """None of which would end by itself, nor would the processes."""
-    with (  # noqa: PT012
-        pytest.raises(KeyboardInterrupt),
-        submitted(waits, [(tmp_path, k) for k in range(12)], 1, made_ready, ("",)),
-    ):
+    with pytest.raises(KeyboardInterrupt), Processes(1) as pool:  # noqa: PT012
+        for number in range(12):
+            pool.submit(waits, tmp_path, number)
         wait_until((tmp_path / "begun 0").exists)
         raise KeyboardInterrupt
     assert not multiprocessing.active_children()
@@ -120,50 +95,48 @@ def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
 
 def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
     """Whoever reads it must not wait for its other half; if that fails, this test never ends."""
-    with (  # noqa: PT012
-        pytest.raises(KeyboardInterrupt),
-        submitted(half_answers, [(tmp_path,)], 1, made_ready, ("",)),
-    ):
+    with pytest.raises(KeyboardInterrupt), Processes(1) as pool:  # noqa: PT012
+        pool.submit(half_answers, tmp_path)
         wait_until((tmp_path / "half").exists)
         raise KeyboardInterrupt
     assert not multiprocessing.active_children()
 
 
 @pytest.mark.parametrize("other_thread", [False, True])
-def test_an_interrupt_while_processes_start_is_heard_when_they_have(other_thread: bool) -> None:
+def test_an_interrupt_while_a_process_starts_is_heard_when_it_has(
+    other_thread: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Neither lost nor in between, whichever thread the system tells."""
     now = threading.Event()
-    asked = list[int]()
     teller = threading.Thread(target=lambda: now.wait() and signal.raise_signal(signal.SIGINT))
     teller.start()  # before the signal is blocked, which threads inherit
+    started = []
 
-    def jobs() -> Iterator[tuple[int]]:
-        for number in range(3):
-            if number == 1:
-                now.set() if other_thread else signal.raise_signal(signal.SIGINT)
-                teller.join() if other_thread else None
-            asked.append(number)
-            yield (number,)
+    def start(pool: ProcessPoolExecutor, *job: Any) -> None:
+        now.set() if other_thread else signal.raise_signal(signal.SIGINT)
+        teller.join() if other_thread else None
+        started.append(job)
 
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", start)
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)  # pytest may run without one
     try:
-        with pytest.raises(KeyboardInterrupt), submitted(said, jobs(), 1, made_ready, ("",)):
-            raise AssertionError("the interrupt was lost")
+        with pytest.raises(KeyboardInterrupt), Processes(1) as pool:
+            pool.submit(abs, -1)
     finally:
         now.set()
         with contextlib.suppress(KeyboardInterrupt):
             teller.join()
         signal.signal(signal.SIGINT, handler)
-    assert asked == [0, 1, 2]
+    assert started == [(abs, -1)]
 
 
 WORKS = """
 import sys
 from pathlib import Path
-from rans.processes import submitted
+from rans.processes import Processes
 from tests.test_processes import beats
-with submitted(beats, [(Path(sys.argv[1]),)], 1, dict, ()) as futures:
-    futures[0].result()
+with Processes(1) as pool:
+    pool.submit(beats, Path(sys.argv[1])).result()
 """
 
 
@@ -220,7 +193,7 @@ def test_one_worker_is_this_process() -> None:
 @pytest.mark.slow
 def test_a_worker_that_dies_is_an_error_or_an_answer() -> None:
     workers = Workers(counted_from, (0,), 2, "counted")
-    with pytest.raises(RansError, match="a process that counted died"):
+    with pytest.raises(RansError, match="a worker that counted was lost: BrokenProcessPool"):
         list(workers.ordered(dies, [(0,), (1,)]))
     found = dict(workers.finished(dies, [(1,), (1,)], lambda number: -number))
     assert found == {0: -1, 1: -1}

@@ -60,9 +60,9 @@ def test_python_m_rans(folder: Path) -> None:
 
 WORKERS = """
 import sys
-from rans.processes import submitted
-with submitted(int, [("7",)], 1, dict, ()) as futures:
-    print(futures[0].result())
+from rans.processes import Processes
+with Processes(1) as pool:
+    print(pool.submit(int, "7").result())
 """
 
 
@@ -75,11 +75,10 @@ def test_worker_processes(folder: Path, tmp_path: Path) -> None:
 
 
 TYPED = """
-from rans.processes import submitted
+from rans.processes import Workers
 from rans.registry import resolve_typed
 act = resolve_typed("my_plugin:act")
-with submitted(act, [(1,)], 1, dict, ()) as futures:
-    print(futures[0].result())
+print(*Workers(int, (), 2).ordered(act, [(1,)]))
 """
 
 
@@ -87,7 +86,7 @@ def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(
     folder: Path, tmp_path: Path
 ) -> None:
     (folder / "my_plugin.py").write_text(
-        "import random\n\ndef act(number):\n    return number + 41\n"
+        "import random\n\ndef act(state, number):\n    return number + 41\n"
     )
     script = tmp_path / "script.py"
     script.write_text(TYPED)

@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-import pickle
-from collections.abc import Iterator
-from concurrent.futures import Future
-from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from rans import processes
 from rans.episode import Setup
-from rans.errors import RansError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
+from rans.executors import run_on
 from rans.fast import flights as module
 from rans.fast.flights import Flights
 from rans.fast.stepping.step import Backend
@@ -154,47 +148,17 @@ def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     alike(two, whole)
 
 
-@contextmanager
-def here(
-    function: Any, jobs: Any, workers: int, prepare: Any, arguments: Any
-) -> Iterator[list[Future[Any]]]:
-    """As `rans.processes.submitted`, without processes."""
-    prepare(*arguments)
-    futures = []
-    for job in jobs:
-        futures.append(Future[Any]())
-        futures[-1].set_result(pickle.loads(pickle.dumps(function(*job))))
-    yield futures
-
-
 def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> None:
     network = policy(PLATFORM)
     given = setup(PLATFORM)
     whole = Flights(network, given).fly(5, COUNT, 1)
-    monkeypatch.setattr(processes, "submitted", here)
     monkeypatch.setattr(module, "_processors", lambda: 2)
     monkeypatch.setattr(module, "_MANY", 200)
     monkeypatch.setattr(module, "_SHARE", 128)
     told: list[int] = []
-    alike(Flights(network, given).fly(5, COUNT, 1, told.append), whole)
+    with ThreadPoolExecutor(1) as pool, run_on(pool):
+        alike(Flights(network, given).fly(5, COUNT, 1, told.append), whole)
     assert sorted(told) == [44, 128, 128]
-
-
-def test_a_process_that_died_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    @contextmanager
-    def dying(_: Any, jobs: Any, *rest: Any) -> Iterator[list[Future[Any]]]:
-        futures = [Future[Any]() for _ in jobs]
-        for future in futures:
-            future.set_exception(BrokenProcessPool())
-        yield futures
-
-    monkeypatch.setattr(processes, "submitted", dying)
-    monkeypatch.setattr(module, "_processors", lambda: 2)
-    monkeypatch.setattr(module, "_MANY", 2)
-    with pytest.raises(
-        RansError, match="a process that flew died; the usual cause is too little memory"
-    ):
-        Flights(policy(PLATFORM), setup(PLATFORM)).fly(0, 10, 1)
 
 
 def test_a_state_that_is_not_finite_ends_its_flight() -> None:

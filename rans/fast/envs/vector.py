@@ -23,9 +23,11 @@ from rans.errors import ConfigError, NamedArguments, brief, checked, whole
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.stepping.step import Step
+from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
+from rans.scenario import Scenario, each
 from rans.settled import settled
 from rans.tasks import Task
 from rans.tasks.observation_terms import Dimension
@@ -67,7 +69,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             action, which copies the state once more per step.
         max_episode_steps: control periods after which an episode is truncated, where the timing's are more, as
             ``gymnasium.make_vec(max_episode_steps=)`` has it of other environments; None: those of the timing.
-        render_mode: None, as a batch has no picture; ``gymnasium.make`` gives environments that have one.
+        render_mode: None, or "rgb_array": `render` returns a frame of each spacecraft.
 
     Raises:
         ConfigError: one of these does not exist or does not fit the others.
@@ -75,7 +77,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
 
     metadata = {  # noqa: RUF012
         "autoreset_mode": AutoresetMode.SAME_STEP,
-        "render_modes": [],
+        "render_modes": ["rgb_array"],
     }
 
     @settled
@@ -98,11 +100,9 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         render_mode: str | None = None,
     ) -> None:
         """Make the environments: arguments are those of the class."""
-        if render_mode is not None:
-            raise ConfigError(
-                f"a batch has no picture: render_mode must be None, got {brief(render_mode)}; "
-                "gymnasium.make gives environments that have one."
-            )
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f'render_mode must be None or "rgb_array", got {brief(render_mode)}.')
+        self.render_mode = render_mode
         self.autoreset_mode = _mode(autoreset_mode)
         craft, task = choose(task_name, dimension, spacecraft, task)
         if max_episode_steps is not None:
@@ -212,6 +212,23 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             observation = torch.where(ended[:, None], step.final_observation, observation)
             self._over = ended
         return self._within(observation), step.reward, step.terminated, step.truncated, info
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """A frame (480, 640, 3), uint8, of each spacecraft in the mode "rgb_array", else None."""
+        if self.render_mode is None:
+            return None
+        from rans.drawing import Scene
+
+        if not self._seeded:
+            raise ResetNeeded("call reset() before render().")
+        scene = Scene(self.engine.craft, self.engine.task)
+        shut = [0.0] * self.engine.craft.command_count
+        zeros = np.zeros(self.num_envs)
+        ends = [
+            map_leaves(lambda x: np.asarray(torch.as_tensor(x).cpu()) + zeros, end)
+            for end in (self.engine.state, self.engine.goal)
+        ]
+        return tuple(scene.render(one.start, one.goal, shut) for one in each(Scenario(*ends)))
 
     def _within(self, observation: Tensor) -> Tensor:
         """Observations (N, width), contiguous, within the bounds of their space; see `rans.environment.within`."""

@@ -36,7 +36,7 @@ def commands(env: SpacecraftVectorEnv, steps: int) -> Tensor:
 
 @BOTH_IDS
 def test_what_gymnasium_asks_of_it(name: str) -> None:
-    env = make(name, render_mode=None)  # as trainers of others write it
+    env = make(name)
     single = gymnasium.make(name)
     assert env.num_envs == 6
     assert env.metadata["autoreset_mode"] is AutoresetMode.SAME_STEP
@@ -46,10 +46,21 @@ def test_what_gymnasium_asks_of_it(name: str) -> None:
     assert env.action_space.shape == (6, *single.action_space.shape)  # type: ignore[misc]
     assert env.spec is not None
     assert env.spec.id == name
-    assert env.render_mode is None
     env.close()
     env.close()
     assert env.closed
+
+
+@BOTH_IDS
+def test_frames_are_those_of_single_environments(name: str) -> None:
+    many = make(name, 2, dtype=torch.float64, render_mode="rgb_array")
+    single = gymnasium.make(name, task=NEAR, timing=SHORT, render_mode="rgb_array")
+    many.reset(seed=3)
+    single.reset(seed=3)
+    frames = many.render()
+    assert frames is not None
+    np.testing.assert_array_equal(frames[0], single.render())  # type: ignore[arg-type]
+    assert (frames[1] != frames[0]).any()
 
 
 @BOTH_IDS

@@ -71,7 +71,7 @@ class Distant(GoToPose):
 def test_what_cannot_be_optimised_is_said_before_any_process_starts(
     task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.delattr("rans.processes.submitted")
+    monkeypatch.delattr("rans.processes.Processes")
     craft = load_spacecraft("floating-platform")
     with pytest.raises(ConfigError, match=said):
         solve_all(craft, task, [MinimumTime()], scenarios(task, craft, 0, 1), workers=2)
