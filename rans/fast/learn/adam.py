@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import torch
 from torch import Tensor
+from torch.nn import functional
 
 from rans.fast.distributed import Processes
 from rans.fast.learn.graph import fused
@@ -34,29 +37,28 @@ class Adam:
         like = next(iter(tensors.values())).detach()
         self.rate = like.new_full((), rate)
         # All parameters in one row, so that one operation steps them; each begins at a whole piece.
-        starts = []
-        end = 0
-        for value in tensors.values():
-            starts.append(end)
-            end += -(-value.numel() // _PIECE) * _PIECE
-        self.row, self.gradient, self._first, self._second = (like.new_zeros(end) for _ in range(4))
+        self.row = self.joined([x.detach() for x in tensors.values()])
+        self.gradient, self._first, self._second = (torch.zeros_like(self.row) for _ in range(3))
+        sizes = [-(-x.numel() // _PIECE) * _PIECE for x in tensors.values()]
 
         def views(row: Tensor) -> list[Tensor]:
             return [
-                row[start : start + value.numel()].view(value.shape)
-                for start, value in zip(starts, tensors.values(), strict=True)
+                part[: value.numel()].view(value.shape)
+                for part, value in zip(row.split(sizes), tensors.values(), strict=True)
             ]
 
         # The network's tensors become views of that row.
-        weights = views(self.row)
         self._gradients = views(self.gradient)
         self.moments = views(self._first), views(self._second)
-        for weight, value in zip(weights, tensors.values(), strict=True):
-            weight.copy_(value)
-        self._leaves = [weight.detach().requires_grad_() for weight in weights]
+        self._leaves = [weight.detach().requires_grad_() for weight in views(self.row)]
         network.adopt(dict(zip(tensors, self._leaves, strict=True)))
         self.steps = like.new_zeros(())
         self._step = fused(_step, like.device, plain)
+
+    @staticmethod
+    def joined(tensors: Sequence[Tensor]) -> Tensor:
+        """Row (P,) of tensors like the weights, in their order, as `gradient` has them."""
+        return torch.cat([functional.pad(x.flatten(), (0, -x.numel() % _PIECE)) for x in tensors])
 
     def descend(self, loss: Tensor, max_norm: float, world: Processes) -> Tensor:
         """One step on a loss (), with the gradient clipped to the norm ``max_norm``.

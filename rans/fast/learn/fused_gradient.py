@@ -5,20 +5,23 @@ They are computed in matrix products, forward and backward.
 
 from __future__ import annotations
 
-from typing import ClassVar, Protocol
+from collections.abc import Sequence
+from typing import ClassVar, NamedTuple, Protocol
 
 import torch
 from torch import Tensor
+from torch.nn import functional
 
-from rans.compile.cuda.design import DoesNotFit
+from rans.compile.cuda.design import padded, up
 from rans.compile.loss_gradient import d_logit, opening_term, transition_losses
 from rans.errors import is_installed
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.graph import fused
 from rans.fast.learn.rollout import Batch
-from rans.fast.learn.update_layout import Places, UpdateDesign
-from rans.policy.activations import ACTIVATIONS
+from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
+from rans.policy.architecture import EXTRACTOR
+from rans.policy.capabilities import Capabilities
 from rans.policy.network import Network
 
 
@@ -39,72 +42,64 @@ class GradientBackend(Protocol):
         ...
 
 
+_ALIGNED = 16
+"""Multiple to which inputs and outputs are padded, as fast products of bfloat16 need; presets have such layers."""
+
+
+class _Weights(NamedTuple):
+    """Weights of a network as its products take them, bfloat16 but for the last."""
+
+    first: Tensor
+    """(units of all trunks, inputs), with the biases as a column."""
+    second: list[tuple[Tensor, Tensor]]
+    """Weights (units, units) and biases (units,) of each trunk, rounded as in torch's bfloat16 layers."""
+    heads: Tensor
+    """(2 heads, units of all trunks): rounded, then what rounding leaves of them."""
+    head_bias: Tensor
+    """(heads,), float32."""
+
+
 class MatrixGradient:
     """Gradients of minibatches on a GPU in matrix products, of networks with two layers.
 
-    They are written into an `Adam.gradient` without synchronisation.
+    They are written into an `Adam.gradient` without synchronisation. A critic of its own lies beside the policy:
+    the units of both are one first layer, each has a second layer, and heads have no weights of the other's units.
 
     Args:
-        network: network.
-        adam: optimizer, whose `row` and `gradient` keep their addresses.
+        network: network for which `fits` is true.
+        adam: optimizer, whose `gradient` keeps its address.
         settings: coefficients of the losses.
-
-    Raises:
-        DoesNotFit: the network is of another kind.
     """
 
     description: ClassVar[str] = "products of matrices"
 
+    @staticmethod
+    def fits(network: Network) -> bool:
+        """Whether these are gradients of such a network: two layers of known slopes, and on/off thrusters."""
+        architecture = network.architecture
+        can = Capabilities(heads=("on-off",), activations=WITH_SLOPE)
+        return not can.missing(architecture) and len(architecture.layers) == 2
+
     def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
-        self.design = design = UpdateDesign(network.architecture)
+        architecture = network.architecture
         self._network = network
         self._adam = adam
         self._settings = settings
-        self._device = adam.row.device
-        self._zero = adam.row.new_zeros(1)
-        zero = adam.row.shape[0]  # index of a zero behind the parameters, for padding
-        # Index of every parameter in the row of all: the tensors are views of that row.
-        indices = torch.arange(zero, device=self._device)
-        offsets = design.places(
-            {
-                name: indices.as_strided(x.shape, x.stride(), x.storage_offset())
-                for name, x in network.tensors.items()
-                if name in network.learnt
-            },
-            zero,
-        )
-        head = Places(*(x.T for x in offsets["head"]))
-        # What to gather for the packed weights and biases. Each is the difference of two parameters, since a
-        # thruster's logit is a difference of outputs. The heads' weights come twice: rounded, and their remainder.
-        matrices = [
-            [x.flatten() for x in pair]
-            for pair in (offsets["first"], offsets["second"], head, head)
-        ]
-        biases = [[x.flatten() for x in offsets[name]] for name in ("bias", "constant")]
-        self._weights, self._biases = (
-            [torch.cat(x) for x in zip(*parts, strict=True)] for parts in (matrices, biases)
-        )
-        self._is_remainder = _last_mask(self._weights[0], len(matrices[-1][0]))
-        self._is_head_bias = _last_mask(self._biases[0], design.heads)
-        # Where each parameter's gradient is among the sums, and its sign. Padding writes to the last entry, which
-        # is cut off.
-        self._source = torch.zeros(zero + 1, dtype=torch.int64, device=self._device)
-        self._sign = adam.row.new_zeros(zero + 1)
-        for pair, sign in zip(zip(*offsets.values(), strict=True), (1.0, -1.0), strict=True):
-            flat = torch.cat([x.flatten() for x in pair])
-            self._source[flat] = torch.arange(len(flat), device=self._device)
-            self._sign[flat] = sign
-        self._source = self._source[:zero]
-        self._sign = self._sign[:zero]
-        self._activation = network.architecture.activation_module()
-        self._pack = fused(self._packed, self._device)
-        self._gather = fused(self._gathered, self._device)
-        # Two trunks are concatenated, which costs no time if compiled.
-        self._second_activation = (
-            self._activation if design.trunks == 1 else fused(self._joined_activation, self._device)
-        )
-        self._backward = fused(self._before_activation, self._device)
-        self._losses = fused(self._output_gradients, self._device)
+        self._trunks = [f"{EXTRACTOR}{name}" for name in ("trunk", "critic")]
+        self._trunks = self._trunks[: 2 if architecture.privileged else 1]
+        self._columns = architecture.inputs + architecture.privileged
+        """Numbers that the first layer is given, at last what only the critic is told."""
+        self._inputs = up(self._columns + 1, _ALIGNED)
+        """The same with a one, whose weights are the biases, and zeros."""
+        self._heads = up(architecture.thrusters + 1, _ALIGNED)
+        """Outputs: log-odds of the thrusters, the value, and zeros."""
+        self._activation = architecture.activation_module()
+        device = adam.row.device
+        self._pack = fused(self._packed, device)
+        self._gather = fused(self._gathered, device)
+        self._activate = fused(self._joined_activation, device)
+        self._backward = fused(self._before_activation, device)
+        self._losses = fused(self._output_gradients, device)
 
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
@@ -115,98 +110,140 @@ class MatrixGradient:
         """
         x = self._network.inputs(seen, memory)
         x = x if privileged is None else torch.cat((x, privileged), dim=1)
-        # A column of ones for the first layer's bias, and zeros up to the width that products need.
         ones = x.new_ones(1, 1).expand(len(x), -1)
-        padding = x.new_zeros(1, self.design.inputs - self.design.columns - 1).expand(len(x), -1)
-        return torch.cat((x, ones, padding), dim=1).bfloat16()
+        return padded(torch.cat((x, ones), dim=1), (len(x), self._inputs)).bfloat16()
 
+    @torch.no_grad()
     def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and `STATISTICS`, () each, of a minibatch whose memory are the `inputs`."""
-        assert part.memory is not None
-        gradient, statistics = self._gather(
-            self._sums(*self._pack(), part.memory, part), len(part.memory)
-        )
-        self._adam.gradient.copy_(gradient)
-        return statistics.unbind()
-
-    def _packed(self) -> tuple[Tensor, Tensor]:
-        """Weights (bfloat16) and biases (float32) in the layout of `_sums`, from the flat parameters of Adam.
-
-        The second layer's biases are rounded as in torch's bfloat16 layers.
-        """
-        row = torch.cat((self._adam.row, self._zero))
-        weights, biases = (row[plus] - row[minus] for plus, minus in (self._weights, self._biases))
-        weights = torch.where(self._is_remainder, weights - _rounded(weights), weights)
-        return weights.bfloat16(), torch.where(self._is_head_bias, biases, _rounded(biases))
-
-    def _gathered(self, sums: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """Gradient (parameters,), and the loss with its statistics, from the sums of ``count`` transitions.
-
-        A thruster's logit is a difference of two outputs, so that a sum counts for one with +1 and for the other
-        with -1.
-        """
-        means = sums / count
-        surrogate, value, *rest = means[self.design.end :].split(1)
-        loss = surrogate + self._settings.vf_coef * value
-        return means[self._source] * self._sign, torch.cat((loss, surrogate, value, *rest))
-
-    def _sums(self, weights: Tensor, biases: Tensor, x: Tensor, part: Batch) -> Tensor:
-        """Row of the sums of gradients, laid out by `UpdateDesign`, and of the statistics of a minibatch.
+        """Loss and `STATISTICS`, () each, of a minibatch whose memory are the `inputs`.
 
         All of it may be recorded in a CUDA graph: no shape and no branch depends on a value.
-
-        Args:
-            weights: bfloat16, in the layout of `UpdateDesign.matrices`.
-            biases: float32, of the second layer, then of the heads.
-            x: `inputs` of the minibatch.
-            part: the minibatch.
         """
-        design = self.design
-        first_weight, second_weight, head, head_remainder = design.matrices(weights)
-        second_bias, head_bias = biases.tensor_split([len(second_weight)])
+        x = part.memory
+        assert x is not None
+        weights = self._pack()
 
         # Forward, both trunks side by side. The outputs have a column for either part of the heads' weights.
-        first = self._activation(x @ first_weight.T)
-        first_parts = first.chunk(design.trunks, dim=1)
-        second_weights = second_weight.chunk(design.trunks)
-        layers = zip(
-            second_bias.bfloat16().chunk(design.trunks), first_parts, second_weights, strict=True
+        first = self._activation(x @ weights.first.T)
+        first_parts = first.chunk(len(self._trunks), dim=1)
+        second = self._activate(
+            *(
+                torch.addmm(bias, inputs, weight.T)
+                for inputs, (weight, bias) in zip(first_parts, weights.second, strict=True)
+            )
         )
-        second = self._second_activation(
-            *(torch.addmm(bias, inputs, weight.T) for bias, inputs, weight in layers)
-        )
-        outputs = _product(second, torch.cat((head, head_remainder)).T)
+        outputs = _product(second, weights.heads.T)
 
         # Losses, and backward.
-        d_outputs, d_head_bias, statistics = self._losses(
-            outputs, head_bias, part.action, part.log_prob, part.advantage, part.target
+        d_outputs, d_head_bias, sums = self._losses(
+            outputs, weights.head_bias, part.action, part.log_prob, part.advantage, part.target
         )
-        d_second, d_second_bias = self._backward(second, d_outputs @ head)
-        d_second_parts = d_second.chunk(design.trunks, dim=1)
+        d_second, d_second_bias = self._backward(second, d_outputs @ weights.heads[: self._heads])
+        d_second_parts = d_second.chunk(len(self._trunks), dim=1)
         d_first, _ = self._backward(
             first,
             *(
                 gradient @ weight
-                for gradient, weight in zip(d_second_parts, second_weights, strict=True)
+                for gradient, (weight, _) in zip(d_second_parts, weights.second, strict=True)
             ),
         )
 
-        # Gradients of all weights and biases, in the layout of `UpdateDesign`.
-        sums = [
-            *(
-                _product(gradient.T, inputs)
-                for gradient, inputs in zip(d_second_parts, first_parts, strict=True)
-            ),
-            _product(d_first.T, x),
-            _product(second.T, d_outputs),
-            d_second_bias,
-            d_head_bias,
-            statistics,
+        # Gradients of all weights and biases.
+        d_seconds = [
+            _product(gradient.T, inputs)
+            for gradient, inputs in zip(d_second_parts, first_parts, strict=True)
         ]
-        return torch.cat([tensor.flatten() for tensor in sums])
+        gradient, statistics = self._gather(
+            _product(d_first.T, x),
+            d_seconds,
+            d_second_bias,
+            _product(second.T, d_outputs),
+            d_head_bias,
+            sums,
+            len(x),
+        )
+        self._adam.gradient.copy_(gradient)
+        return statistics.unbind()
+
+    def _packed(self) -> _Weights:
+        """The network's weights as its products take them."""
+        layer = self._network.layer
+        architecture = self._network.architecture
+        firsts = []
+        for trunk in self._trunks:
+            weight, bias = layer(f"{trunk}.0")
+            weight = padded(weight, (len(weight), self._columns))
+            biased = torch.cat((weight, bias[:, None]), dim=1)
+            firsts.append(padded(biased, (len(weight), self._inputs)))
+        seconds = []
+        for trunk in self._trunks:
+            weight, bias = layer(f"{trunk}.2")
+            seconds.append((weight.bfloat16(), bias.bfloat16()))
+        # A thruster's logit is a difference of outputs. The value is of the last trunk.
+        weight, bias = architecture.last.folded(*layer("action_net"))
+        worth, constant = layer("value_net")
+        others = (len(self._trunks) - 1) * architecture.features
+        rows = functional.pad(weight, (0, others)), functional.pad(worth, (others, 0))
+        heads = padded(torch.cat(rows), (self._heads, architecture.features + others))
+        rounded = _rounded(heads)
+        return _Weights(
+            torch.cat(firsts).bfloat16(),
+            seconds,
+            torch.cat((rounded, heads - rounded)).bfloat16(),
+            padded(torch.cat((bias, constant)), (self._heads,)),
+        )
+
+    def _gathered(
+        self,
+        d_first: Tensor,
+        d_seconds: Sequence[Tensor],
+        d_second_bias: Tensor,
+        d_heads: Tensor,
+        d_head_bias: Tensor,
+        sums: Tensor,
+        count: int,
+    ) -> tuple[Tensor, Tensor]:
+        """Gradient (parameters,) in the order of Adam, and the loss with its statistics, of sums of transitions.
+
+        Args:
+            d_first: (units of all trunks, inputs).
+            d_seconds: (units, units) of each trunk.
+            d_second_bias: (units of all trunks,).
+            d_heads: (units of all trunks, heads).
+            d_head_bias: (heads,).
+            sums: statistics.
+            count: number of transitions.
+        """
+        architecture = self._network.architecture
+        gradients: dict[str, Tensor] = {}
+        trunks = len(self._trunks)
+        parts = zip(
+            self._trunks,
+            d_first.chunk(trunks),
+            d_seconds,
+            d_second_bias.chunk(trunks),
+            strict=True,
+        )
+        for trunk, first, second, bias in parts:
+            width = self._network.layer(f"{trunk}.0")[0].shape[1]
+            gradients[f"{trunk}.0.weight"] = first[:, :width]
+            gradients[f"{trunk}.0.bias"] = first[:, self._columns]
+            gradients[f"{trunk}.2.weight"] = second
+            gradients[f"{trunk}.2.bias"] = bias
+        # What a logit gets counts for one of its two outputs with -1.
+        end = architecture.thrusters
+        d_logit, d_bias = d_heads[: architecture.features, :end].T, d_head_bias[:end]
+        gradients["action_net.weight"] = torch.stack((-d_logit, d_logit), dim=1)
+        gradients["action_net.bias"] = torch.stack((-d_bias, d_bias), dim=1)
+        gradients["value_net.weight"] = d_heads[-architecture.features :, end]
+        gradients["value_net.bias"] = d_head_bias[end : end + 1]
+        row = self._adam.joined([gradients[name] for name in self._network.learnt])
+        surrogate, value, *rest = (sums / count).split(1)
+        loss = surrogate + self._settings.vf_coef * value
+        return row / count, torch.cat((loss, surrogate, value, *rest))
 
     def _joined_activation(self, *parts: Tensor) -> Tensor:
-        """Activations (N, units) of both trunks, side by side."""
+        """Activations (N, units) of all trunks, side by side, which costs no time if compiled."""
         return self._activation(torch.cat(parts, dim=1))
 
     def _before_activation(self, value: Tensor, *gradients: Tensor) -> tuple[Tensor, Tensor]:
@@ -246,7 +283,7 @@ class MatrixGradient:
         """
         thrusters = action.shape[1]
         # Outputs: log-odds of the thrusters, then the value; the rest is padding.
-        result = outputs[:, : self.design.heads] + outputs[:, self.design.heads :] + bias
+        result = outputs[:, : self._heads] + outputs[:, self._heads :] + bias
         logit = result[:, :thrusters]
         parts = opening_term(logit, action)
         losses = transition_losses(
@@ -262,7 +299,7 @@ class MatrixGradient:
         # Their gradients, padded likewise.
         d_logits = d_logit(action, parts.opening, losses.d_log_prob[:, None])
         d_value = losses.d_value[:, None]
-        padding = d_value.new_zeros(1).expand(len(d_value), self.design.heads - thrusters - 1)
+        padding = d_value.new_zeros(1).expand(len(d_value), self._heads - thrusters - 1)
         gradient = torch.cat((d_logits, d_value, padding), dim=1)
         sums = torch.stack([x.sum() for x in losses.statistics])
         return gradient.bfloat16(), gradient.sum(dim=0), sums
@@ -282,12 +319,8 @@ def gradient_backend(
         )
 
         return CpuGradient(*arguments) if CpuGradient.fits(network, samples) else None
-    if not (network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32):
-        return None
-    try:
-        return MatrixGradient(*arguments)
-    except DoesNotFit:
-        return None
+    is_rounded = network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32
+    return MatrixGradient(*arguments) if is_rounded and MatrixGradient.fits(network) else None
 
 
 def _product(a: Tensor, b: Tensor) -> Tensor:
@@ -302,8 +335,3 @@ def _rounded(x: Tensor) -> Tensor:
     """
     bits = x.view(torch.int32)
     return ((bits + 0x7FFF + (bits >> 16 & 1)) & ~0xFFFF).view(torch.float32)
-
-
-def _last_mask(like: Tensor, count: int) -> Tensor:
-    """Mask (len(like),) that is true for the last ``count`` entries."""
-    return torch.arange(len(like), device=like.device) >= len(like) - count

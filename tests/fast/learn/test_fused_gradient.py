@@ -15,7 +15,7 @@ from rans.fast.learn.fused_gradient import MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.training import collected
+from tests.support.training import collected, tiny_learner
 
 
 class Rounded(torch.autograd.Function):
@@ -79,3 +79,8 @@ def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic
     history = {"memory": MemorySettings(2, (0.5,))}
     learner, batch = collected(craft, **settings, **history, privileged_critic=own_critic)
     agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, 0.03)
+
+
+@pytest.mark.parametrize("settings", [{"continuous": True}, {"layers": (16,)}])
+def test_what_is_left_to_autograd(settings: Any) -> None:
+    assert not MatrixGradient.fits(tiny_learner(**settings).network)
