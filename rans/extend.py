@@ -157,12 +157,10 @@ if TYPE_CHECKING:
     from rans.show.pages.chart import Series as Series
     from rans.show.pages.notebook import html_of as html_of
     from rans.show.pages.page import Fact as Fact
-    from rans.show.pages.page import Finding as Finding
     from rans.show.pages.page import Page as Page
     from rans.show.pages.page import Part as Part
     from rans.show.pages.page import Picture as Picture
     from rans.show.pages.page import Section as Section
-    from rans.show.pages.page import Tile as Tile
     from rans.show.progress import watched as watched
     from rans.structure import read_toml as read_toml
     from rans.structure import structure as structure

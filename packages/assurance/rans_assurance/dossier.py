@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from os.path import normpath
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -25,7 +25,6 @@ from rans.extend import (
     ConfigError,
     ContestantName,
     Fact,
-    Finding,
     Page,
     Part,
     RunFolder,
@@ -205,7 +204,7 @@ class Dossier:
             for found, section in sections_of(file.parent):
                 if found == file:
                     self.sections.append(section)
-                    for fact in section.summary:
+                    for fact in section.facts:
                         answered.add(fact.part)
                         yield self._row(fact, file)
         for part, what in source.questions:
@@ -233,7 +232,7 @@ class Dossier:
         return Row(
             fact.part,
             fact.what,
-            fact.value,
+            fact.amount,
             fact.passed,
             str(about.get("command", "")),
             file.relative_to(self.folder).as_posix(),
@@ -271,14 +270,9 @@ class Dossier:
                 )
                 for row in rows
             ]
-            findings = [
-                Finding(f"{row.what}: {row.value}", False) for row in rows if row.passed is False
-            ]
             empty = sum(not row.value for row in rows)
             text = f"{counted(empty, 'row')} without evidence." if empty else ""
-            sections.append(
-                Section(_TITLES[part], text, [Table(columns, cells)], findings=findings)
-            )
+            sections.append(Section(_TITLES[part], text, [Table(columns, cells)]))
         return sections
 
     @property
@@ -296,9 +290,12 @@ class Dossier:
         """Write dossier.json and dossier.html, with the sections of all evidence below the rows."""
         write_json(self.file, self.to_json())
         hashes = Table(("what", "SHA-256"), [*self.hashes.items()])
-        sections = [*self.parts(), Section("What it is of", tables=[hashes]), *self.sections]
+        first, *others = self.parts()
+        leading = replace(first, hero=self.verdict)
+        what = Section("What it is of", tables=[hashes])
         about = header({"agent": self.name, "environment": environment()})
-        page = Page(f"Dossier of {self.name}", sections, about, self.verdict, sheet=True)
+        sections = [leading, *others, what, *self.sections]
+        page = Page(f"Dossier of {self.name}", sections, about, sheet=True)
         page.write(self.file.with_suffix(".html"))
 
     def falsehoods(self) -> Iterator[str]:

@@ -76,7 +76,7 @@ def test_every_command_of_a_dossier_can_be_typed(folder: Path) -> None:
 
 
 def _value(content: Any) -> None:
-    (row,) = [row for row in content["rows"] if row["what"].startswith("probability of failure")]
+    (row,) = [row for row in content["rows"] if row["what"].startswith("failure probability")]
     row["value"] = "0.001"
 
 

@@ -6,7 +6,7 @@ It draws what `rans.show.tables` computes and computes nothing itself, so that p
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -16,23 +16,23 @@ import numpy as np
 from rans.errors import Late, counted, is_installed
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.run import Comparison
+from rans.evaluation.measure.statistics import Estimate
 from rans.files import environment, write_json
 from rans.flight import fly
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import margin_charts, plane_chart
-from rans.show.pages.page import Finding, Page, Picture, Section, Tile, header
+from rans.show.pages.page import Fact, Page, Picture, Section, header
 from rans.show.pages.race import Race, Track, gallery, has_place
-from rans.show.pages.report import comparison_section
+from rans.show.pages.report import comparison_section, layout_picture
 from rans.show.palette import FOUND
 from rans.show.tables import comparison_tables as tables
 from rans.table import Table
 from rans.terminal import doing
 
 if TYPE_CHECKING:
-    from rans.show.figures import chart_figure, layout_figure
+    from rans.show.figures import chart_figure
 else:  # with Matplotlib, without which a page has no pictures
     chart_figure = Late("rans.show.figures.chart_figure")
-    layout_figure = Late("rans.show.figures.layout_figure")
 
 TEXT = (
     "All fly the same craft from the same starts at the same rate. The settling time is that from which a flight "
@@ -58,21 +58,20 @@ _MISSION_TEXT = (
 
 def page(comparison: Comparison, command: str = "") -> Page:
     """Whatever the comparison holds, failures on top, and the command that made it."""
-    sections = [_summary(comparison)]
     contest = comparison.contest
-    hero = ""
-    tiles: list[Tile] = []
+    sections = [_summary(comparison)]
     if comparison.entries:
-        hero, tiles = _headline(comparison)
-        if (replay := _race(comparison)) is not None:
-            sections.insert(0, Section("Replay", race=replay, first=True))
-        # What answers "against what" stands before the tables.
-        sections[-1:-1] = _plane(comparison)
-        sections += [
+        # A replay, and what answers "against what", stand before the tables.
+        race = _race(comparison)
+        replay = [] if race is None else [Section("Replay", race=race, first=True)]
+        sections = [
+            *replay,
+            *_plane(comparison),
+            *sections,
             *_mission(comparison),
             *_gaps(comparison),
             *_differences(comparison),
-            _craft(comparison),
+            Section("Spacecraft", pictures=[layout_picture(contest.craft)]),
         ]
     if comparison.relaxed:
         text = "Flown in Drake before they are reported."
@@ -85,7 +84,7 @@ def page(comparison: Comparison, command: str = "") -> Page:
         "environment": environment(),
     }
     title = f"Comparison: {contest.title()}"
-    return Page(title, sections, header(about), hero=hero, tiles=tiles)
+    return Page(title, sections, header(about))
 
 
 def write(comparison: Comparison, folder: Path, about: dict[str, Any]) -> None:
@@ -97,24 +96,14 @@ def write(comparison: Comparison, folder: Path, about: dict[str, Any]) -> None:
         about: see `rans.evaluation.fly.evidence.about`.
     """
     numbers = folder / "compare.json"
-    hero, tiles = _headline(comparison) if comparison.entries else ("", [])
-    first = {"hero": hero, "tiles": [asdict(tile) for tile in tiles]}
-    write_json(numbers, first | tables.to_json(comparison, TEXT) | {"about": about})
+    result = _headline(comparison) | tables.to_json(comparison, TEXT)
+    write_json(numbers, result | {"about": about})
     comparison.files = [numbers]
     with doing("drawing the page; Ctrl-C leaves it out", in_log=False):
         page(comparison, about["command"]).write(folder / "compare.html")
         comparison.files.insert(0, folder / "compare.html")
         if is_installed("matplotlib") and (chart := time_and_impulse(comparison)):
             comparison.files += chart_figure.save_chart(chart, folder / "compare")
-
-
-def _craft(comparison: Comparison) -> Section:
-    """What flies."""
-    craft = comparison.contest.craft
-    picture = Picture.of(
-        lambda: layout_figure.draw_layout(craft), f"Forces of the thrusters of {craft.name}."
-    )
-    return Section("Spacecraft", pictures=[picture])
 
 
 def _mission(comparison: Comparison) -> Iterator[Section]:
@@ -130,8 +119,10 @@ def _mission(comparison: Comparison) -> Iterator[Section]:
         yield Section("Mission", text, result, pictures)
 
 
-def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
+def _headline(comparison: Comparison) -> dict[str, Any]:
     """What to take, and the first contestant's result in tiles beside the quickest of the others."""
+    if not comparison.entries:
+        return {}
     board = tables.scoreboard(comparison)
     first, *others = comparison.entries
     own = board[first.name]
@@ -139,36 +130,37 @@ def _headline(comparison: Comparison) -> tuple[str, list[Tile]]:
     rival = min(
         (entry.name for entry in others),
         key=lambda name: board[name][time].value,
-        default=None,
+        default="",
     )
-    # Tiles of the first row: scores beside the rival's, and after the time the ratio to the certified bound.
-    chosen = [key for key in _TILES if key in own]
-    tiles = [_tile(key, own, board[rival] if rival else {}, rival) for key in chosen]
-    bounds: list[Tile] = []
-    if comparison.mission is not None and len(ratio_of_each := comparison.mission.ratios(first)):
-        bounds.append(
-            Tile(
-                f"over the certified least {comparison.mission.spending}",
-                f"{ratio_of_each.mean():.3f} x",
-                f"of {counted(len(ratio_of_each), 'start')}",
-            )
-        )
-    measured = tables.gaps(comparison)
-    if measured:
-        event, ratios = next(iter(measured.items()))
+    tiles = []
+    for key in filter(own.__contains__, _TILES):
+        tiles.append(_tile(key, own[key], rival, board.get(rival, {}).get(key)))
+        if key == time:
+            tiles += _over_bounds(comparison)
+    alone = ", ".join(f"{tile['label']} {tile['value']}" for tile in tiles[:3])
+    hero = " ".join(tables.verdict(comparison)) or f"{first.name}: {alone}."
+    return {"hero": hero, "tiles": tiles}
+
+
+def _over_bounds(comparison: Comparison) -> Iterator[dict[str, str]]:
+    """Tiles of the first contestant's ratios to what is certified as the least."""
+    first = comparison.entries[0]
+    mission = comparison.mission
+    if mission is not None and len(multiples := mission.ratios(first)):
+        yield {
+            "label": f"over the certified least {mission.spending}",
+            "value": f"{multiples.mean():.3f} x",
+            "note": f"of {counted(len(multiples), 'start')}",
+        }
+    for event, ratios in [*tables.gaps(comparison).items()][:1]:
         over = float(np.median(ratios[first.name])) if ratios[first.name].size else np.inf
-        starts = counted(len(comparison.certified_starts()), "start")
-        ratio = f"{over:.3g} x" if np.isfinite(over) else "never"
-        bounds.append(Tile(f"over the certified least {event}", ratio, f"of {starts}"))
-    # A row of the page has room for six.
-    after_time = 1 + max((k for k, key in enumerate(chosen) if key == time), default=-1)
-    tiles[after_time:after_time] = bounds
-    alone = f"{first.name}: {', '.join(f'{one.label} {one.value}' for one in tiles[:3])}."
-    return " ".join(tables.verdict(comparison)) or alone, tiles[:_ROW]
+        yield {
+            "label": f"over the certified least {event}",
+            "value": f"{over:.3g} x" if np.isfinite(over) else "never",
+            "note": f"of {counted(len(comparison.certified_starts()), 'start')}",
+        }
 
 
-_ROW = 6
-"""Tiles of a row on a wide screen."""
 _TILES = {
     "solved, %": "solved",
     "settling time, s": "settling time",
@@ -182,22 +174,18 @@ _TILES = {
 """Scores that are tiles, and what these call them."""
 
 
-def _tile(key: str, own: tables.Scores, others: tables.Scores, rival: str | None) -> Tile:
+def _tile(key: str, own: Estimate, rival: str, other: Estimate | None) -> dict[str, str]:
     """Tile of a score with its interval, and that of a rival; figures are those of the table."""
     unit = key.partition(", ")[2]
-    value = own[key]
     # Of one start there is no interval.
-    known = np.isfinite(value.high) and value.low < value.high
-    interval = f"{value.low:.3g} to {value.high:.3g} {unit}" if known else ""
-    comparison_text = f"{rival} {_amount(others[key], unit)}" if rival else ""
-    return Tile(
-        _TILES[key],
-        _amount(value, unit),
-        "\n".join(filter(None, (interval, comparison_text))),
-    )
+    known = np.isfinite(own.high) and own.low < own.high
+    notes = [f"{own.low:.3g} to {own.high:.3g} {unit}"] if known else []
+    if other is not None:
+        notes.append(f"{rival} {_amount(other, unit)}")
+    return {"label": _TILES[key], "value": _amount(own, unit), "note": "\n".join(notes)}
 
 
-def _amount(estimate: Any, unit: str) -> str:
+def _amount(estimate: Estimate, unit: str) -> str:
     """An estimate with its unit, or the word for what never happens."""
     number = estimate.text().partition(" ")[0]
     return number if number == "never" else f"{number} {unit}"
@@ -248,16 +236,25 @@ def _quickest(comparison: Comparison, k: int) -> Iterator[Track]:
 
 
 def _summary(comparison: Comparison) -> Section:
-    """Section with the outcome, the scores over all starts, and what each contestant knows."""
+    """Section with the result, the scores over all starts, and what each contestant knows."""
     board = tables.scoreboard(comparison)
-    findings = [*comparison_section(tables.outcome(comparison, board)).findings]
+    said = comparison_section(_headline(comparison) | tables.outcome(comparison, board))
+    facts = [*said.facts]
     if comparison.certified_starts():
-        findings.append(Finding("No flight beats a certified bound.", not comparison.impossible()))
+        beaten = comparison.impossible()
+        facts.append(
+            Fact("flights that beat a certified bound", f"{len(beaten)}", passed=not beaten)
+        )
     tuning = [[e.name, e.contestant.knows, e.contestant.tuning] for e in comparison.entries]
     known = Table(("contestant", "knows", "tuning"), tuning, "Information and tuning")
-    result = [tables.score_table(comparison), known] if board else []
-    text = _MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT
-    return Section("Contestants", text, result, findings=findings)
+    return replace(
+        said,
+        title="Contestants",
+        text=_MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT,
+        tables=[tables.score_table(comparison), known] if board else [],
+        facts=facts,
+        link="",
+    )
 
 
 def time_and_impulse(comparison: Comparison) -> Chart | None:

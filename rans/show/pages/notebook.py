@@ -93,8 +93,9 @@ def _(flight: Flight) -> str:
 
 @html_of.register
 def _(section: Section) -> str:
-    findings = "".join(f"<p>{_said(finding.text)}</p>" for finding in section.findings)
-    return "".join(map(_table, section.tables)) + findings
+    sentences = (section.hero, *(text for _, text in section.checks), *section.notes)
+    paragraphs = (f"<p>{_said(text)}</p>" for text in sentences if text)
+    return "".join((*map(_table, section.tables), *paragraphs))
 
 
 def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

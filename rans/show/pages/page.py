@@ -51,54 +51,44 @@ class Picture:
         return cls(data_uri(svg(figure() if callable(figure) else figure)), caption)
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One line of the verdict."""
-
-    text: str
-    passed: bool | None = None
-    """None where there is nothing to pass."""
-
-
-@dataclass(frozen=True)
-class Tile:
-    """A number that matters first, at the top of the page."""
-
-    label: str
-    value: str
-    note: str = ""
-    """In small letters below: its interval, or what it is compared with."""
-
-
 Part = Literal["domain", "requirement", "evidence", "limits"]
 """Question of a dossier that a fact answers: for what an agent was made, what it must do, what shows that it does,
 and where it ends."""
 
 
 class Fact(NamedTuple):
-    """What was found, in a line: of a terminal, and of a dossier."""
+    """What was found, in a line: a tile or a verdict of a page, a row of a dossier, a line of a terminal."""
 
     what: str
     value: str
     part: Part = "evidence"
     passed: bool | None = None
     """Whether a bound is kept; None: there is none."""
+    note: str = ""
+    """In small letters: its interval, or what it is compared with."""
     measured: bool = False
     """Whether it is a time of this computer, which is another one in every run."""
+
+    @property
+    def amount(self) -> str:
+        """The value, and its note in brackets."""
+        return f"{self.value} ({'; '.join(self.note.splitlines())})" if self.note else self.value
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading with a paragraph, tables and pictures."""
+    """What one result says, which terminals, notebooks, pages, reports and dossiers print."""
 
     title: str
     text: str = ""
     tables: Sequence[Table] = ()
     pictures: Sequence[Picture] = ()
-    findings: Sequence[Finding] = ()
-    """Go to the top of the page."""
-    summary: Sequence[Fact] = ()
-    """What and how much, for terminals and dossiers."""
+    facts: Sequence[Fact] = ()
+    """The most telling first: some are tiles of the page that the section leads."""
+    failures: Sequence[str] = ()
+    """What could not be done, a sentence each."""
+    notes: Sequence[str] = ()
+    """Sentences of which nothing is to pass."""
     details: Sequence[Table] = ()
     """Tables that a page folds, and a terminal leaves out."""
     link: str = ""
@@ -111,10 +101,15 @@ class Section:
     """Whether it belongs to the sheet that is printed, see `Page.sheet`."""
     hero: str = ""
     """Its result in one sentence, where it may stand above everything else."""
-    tiles: Sequence[Tile] = ()
-    """Numbers that stand below that sentence."""
-    sure: Tile | None = None
+    sure: Fact | None = None
     """How sure a result is: a tile of every first screen."""
+
+    @property
+    def checks(self) -> list[tuple[bool, str]]:
+        """What has failed, then what has passed, each in a line."""
+        lines = [(fact.passed, f"{fact.what}: {fact.amount}") for fact in self.facts]
+        judged = [(passed, text) for passed, text in lines if passed is not None]
+        return sorted([*((False, text) for text in self.failures), *judged], key=lambda x: x[0])
 
     @property
     def undrawn(self) -> int:
@@ -129,77 +124,76 @@ class Section:
 
 
 def say(section: Section, console: Terminal) -> None:
-    """Print a section: its tables but the details, and its findings, failures marked."""
+    """Print a section: its tables but the details, its result, what is judged of it, and notes."""
     for table in section.tables:
         if table.rows:
-            console.show(table.title, table.columns, table.rows)
-    for finding in section.findings:
-        mark = {True: "Pass: ", False: "FAIL: ", None: ""}[finding.passed]
-        console.say(f"{mark}{finding.text}")
+            console.table(table)
+    if section.hero:
+        console.say(section.hero)
+    for passed, text in section.checks:
+        console.say(f"{'Pass' if passed else 'FAIL'}: {text}")
+    for note in section.notes:
+        console.say(note)
+
+
+_TILES = 6
+"""Tiles of a row on a wide screen."""
+_TILE = 24
+"""Most characters of a tile's value; longer ones stand in tables and dossiers alone."""
 
 
 @dataclass(frozen=True)
 class Page:
-    """Everything one page says."""
+    """Sections on one page, the first of which that has a result gives its sentence and its tiles."""
 
     title: str
     sections: Sequence[Section]
     header: Mapping[str, Any] = field(default_factory=dict)
     """How it was made: command, revision, versions, hardware, seeds."""
-    conclusion: str = ""
-    """The verdict in one sentence, where that is more than whether everything has passed."""
-    hero: str = ""
-    """The result in one sentence, above everything else."""
-    tiles: Sequence[Tile] = ()
     sheet: bool = False
     """Whether it prints as one sheet: the result, the verdict and the sections that are first."""
 
     @property
-    def findings(self) -> list[Finding]:
-        """The findings of all sections, failures first."""
-        order = {False: 0, True: 1, None: 2}
-        return sorted((f for s in self.sections for f in s.findings), key=lambda f: order[f.passed])
+    def hero(self) -> str:
+        """The result in one sentence, above everything else."""
+        return next((section.hero for section in self.sections if section.hero), "")
 
     @property
-    def checks(self) -> list[Finding]:
-        """Findings that have passed or failed."""
-        return [finding for finding in self.findings if finding.passed is not None]
+    def tiles(self) -> list[Fact]:
+        """How good, against what, how sure."""
+        leading = next((section.facts for section in self.sections if section.hero), ())
+        sure = [section.sure for section in self.sections if section.sure][:1]
+        short = [fact for fact in leading if len(fact.value) <= _TILE and fact not in sure]
+        return [*short[: _TILES - len(sure)], *sure]
 
     @property
-    def notes(self) -> list[Finding]:
-        """Findings of which nothing is to pass."""
+    def checks(self) -> list[tuple[bool, str]]:
+        """What has failed or passed, failures first."""
+        return sorted((x for section in self.sections for x in section.checks), key=lambda x: x[0])
+
+    @property
+    def notes(self) -> list[str]:
+        """Sentences of which nothing is to pass."""
         left_out = sum(section.undrawn for section in self.sections)
         sentence = (
             f"{counted(left_out, 'picture')} left out, which the package matplotlib draws: "
             f"{installing('plots')}"
         )
-        notes = [finding for finding in self.findings if finding.passed is None]
-        return [*notes, *([Finding(sentence)] if left_out else [])]
+        notes = [note for section in self.sections for note in section.notes]
+        return [*notes, *([sentence] if left_out else [])]
 
     @property
     def passed(self) -> bool | None:
         """Whether what was checked has passed; None where nothing was checked."""
-        checked = [finding.passed for finding in self.findings if finding.passed is not None]
-        return all(checked) if checked else None
-
-    @property
-    def verdict(self) -> str:
-        """The page's verdict in one sentence: its conclusion, or whether everything passed."""
-        return (
-            self.conclusion
-            or {
-                True: "Everything checked has passed.",
-                False: "Something has failed.",
-                None: "Nothing was checked here.",
-            }[self.passed]
-        )
+        checks = self.checks
+        return checks[0][0] if checks else None
 
     def summary(self) -> Table:
         """The few most telling lines of every section, for the terminal."""
         rows = [
-            ("" if number else section.title, fact.what, fact.value)
+            ("" if number else section.title, fact.what, fact.amount)
             for section in self.sections
-            for number, fact in enumerate(section.summary)
+            for number, fact in enumerate(section.facts)
         ]
         return Table(("part", "what", "value"), rows, self.title)
 

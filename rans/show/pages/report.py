@@ -14,7 +14,7 @@ from typing import Any
 
 from rans.errors import ConfigError, Late, brief, counted, meant_file
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.evaluation.measure.statistics import WANTED, figure, interval, quantity, too_few
+from rans.evaluation.measure.statistics import WANTED, figure, too_few
 from rans.files import (
     environment,
     folders_with,
@@ -25,11 +25,12 @@ from rans.files import (
     read_text,
 )
 from rans.flight import Flight
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
 from rans.show.curve import learning_charts
 from rans.show.pages.chart import Chart, Mark, Series
-from rans.show.pages.page import Fact, Finding, Page, Picture, Section, Tile, header, named, show
+from rans.show.pages.page import Fact, Page, Picture, Section, header, named, show
 from rans.show.pages.race import median_and_slowest
 from rans.show.palette import series_style
 from rans.table import Table
@@ -47,10 +48,16 @@ SECTIONS: Registry[Callable[[Path, Any], Section | None]] = Registry(
 functions of the file and its content, which return None where there is nothing to say. Packages may share a
 pattern."""
 
-_ROW = 6
-"""Tiles of a row on a wide screen."""
-_KEY_METRICS = ("solved", "settling time", "failed", "position error", "attitude error", "duty")
-"""Metrics of an evaluation that belong into a summary."""
+_KEY_METRICS = (
+    "solved",
+    "settling time",
+    "failed",
+    "position error",
+    "attitude error",
+    "impulse",
+    "duty",
+)
+"""Metrics of an evaluation that belong into a summary, the most telling first."""
 
 _PROGRESS = (
     ("steps", "environment steps", "{:,}"),
@@ -91,9 +98,8 @@ def report_from_run(run: Path) -> Page:
         or {}
     )
     sections += filter(None, [_read(run / "config.json", _configuration)])
-    hero, tiles = _first_screen(sections)
     sections[:0] = _pictured(run)
-    return Page(f"RANS: {run.resolve().name}", sections, header, hero=hero, tiles=tiles, sheet=True)
+    return Page(f"RANS: {run.resolve().name}", sections, header, sheet=True)
 
 
 def sections_of(run: Path) -> list[tuple[Path, Section]]:
@@ -117,23 +123,6 @@ def sections_of(run: Path) -> list[tuple[Path, Section]]:
     return [(run / name, s) for name, build in builders if (s := _read(run / name, build))]
 
 
-def _first_screen(sections: Sequence[Section]) -> tuple[str, list[Tile]]:
-    """The result in a sentence, and tiles: how good, against what, how sure."""
-    sure = [section.sure for section in sections if section.sure][:1]
-    if leading := next((section for section in sections if section.hero), None):
-        hero = leading.hero
-        tiles = [*leading.tiles]
-    else:
-        # Whatever else there is: what has failed, else the first finding, else the first section in its own words.
-        findings = [finding for section in sections for finding in section.findings]
-        findings.sort(key=lambda finding: finding.passed is not False)
-        said = "; ".join(f"{fact.what} {fact.value}" for fact in sections[0].summary)
-        title = f"{sections[0].title}: {said}." if said else f"{sections[0].title}."
-        hero = findings[0].text if findings else title
-        tiles = [Tile(fact.what, fact.value) for fact in sections[0].summary]
-    return hero, [*tiles[: _ROW - len(sure)], *sure]
-
-
 def _pictured(run: Path) -> Iterator[Section]:
     """Time and impulse of a comparison, and the spacecraft; where they are, the page to fly it."""
     chart = inside(run, "compare.svg")
@@ -142,39 +131,18 @@ def _pictured(run: Path) -> Iterator[Section]:
         yield Section("Time and impulse", pictures=[_kept_picture(chart, caption)], first=True)
     craft = inside(run, "spacecraft.toml")
     if craft.is_file():
-        spacecraft = read_spacecraft(craft)
-        picture = Picture.of(
-            lambda: Late("rans.show.figures.layout_figure").draw_layout(spacecraft),
-            f"Forces of the thrusters of {spacecraft.name}.",
-        )
-        yield Section("Spacecraft", pictures=[picture], first=True)
+        yield Section("Spacecraft", pictures=[layout_picture(read_spacecraft(craft))], first=True)
     page = inside(run, "fly.html")
     if page.is_file():
         yield Section("Fly it yourself", link=page.name)
 
 
-def headline(measured: Metrics) -> tuple[str, list[Tile]]:
-    """The result of an evaluation in a sentence and in tiles, with the intervals."""
-    values = {row.name: row for row in measured.rows}
-    tiles = [
-        Tile(
-            name,
-            quantity(values[name].value, values[name].unit),
-            interval(values[name].low, values[name].high),
-        )
-        for name in (*_KEY_METRICS[:-1], "impulse")
-        if name in values
-    ]
-    solved = values["solved"]
-    hero = (
-        f"{measured.controller} solves {figure(solved.value, '.4g')} % of {measured.episodes:,} episodes "
-        f"({figure(solved.low)} to {figure(solved.high)} %)"
+def layout_picture(craft: Spacecraft) -> Picture:
+    """What flies."""
+    figures = Late("rans.show.figures.layout_figure")
+    return Picture.of(
+        lambda: figures.draw_layout(craft), f"Forces of the thrusters of {craft.name}."
     )
-    if "settling time" in values and math.isfinite(values["settling time"].value):
-        hero += f" and settles in {figure(values['settling time'].value)} s"
-    if "impulse" in values:
-        hero += f", with {figure(values['impulse'].value)} N s"
-    return f"{hero}.", tiles
 
 
 def solved_share(run: Path) -> float | None:
@@ -223,25 +191,20 @@ def validation_section(study: Mapping[str, Any]) -> Section:
     rows += [
         [check["name"], None, None, None, "not run", None, check["reason"]] for check in skipped
     ]
-    # Failures first, then the count, then what did not run.
-    sentences = (
-        f"{c['name']}: {show(c['value'])} {c['unit']}, tolerance {show(c['tolerance'])}."
-        for c in failed
-    )
-    passed = True if checks and not failed else None
-    findings = [
-        *(Finding(sentence, False) for sentence in sentences),
-        Finding(f"{title}: {within} checks within tolerance.", passed),
-        *(Finding(f"Not run: {check['name']}. {check['reason']}") for check in skipped),
-    ]
+    facts = [Fact("checks within tolerance", within, passed=not failed if checks else None)]
+    for check in failed:
+        value = f"{show(check['value'])} {check['unit']}"
+        note = f"tolerance {show(check['tolerance'])}"
+        facts.append(Fact(str(check["name"]), value, passed=False, note=note))
     return Section(
         "Validation",
         f"{title}. Every value must stay within its tolerance.",
         [Table(columns, rows)],
         [Picture.of(chart) for chart in _curves(study.get("curves", ()))],
-        findings=findings,
-        summary=[Fact("checks within tolerance", within, passed=False if failed else passed)],
+        facts,
+        notes=[f"Not run: {check['name']}. {check['reason']}" for check in skipped],
         folded=True,
+        hero=f"{title}: {within} checks within tolerance.",
     )
 
 
@@ -281,15 +244,16 @@ def training_section(
             f"{name} solved {last['success']:.1%} of its last episodes in training, after {last['steps']:,} steps; "
             "it has not flown from other starts yet."
         )
-    summary = [(what, form.format(last[key])) for key, what, form in _PROGRESS if key in last]
+    facts = [
+        Fact(what, form.format(last[key]), "domain") for key, what, form in _PROGRESS if key in last
+    ]
     return Section(
         "Training",
         f"By {method}." if method else "",
-        [Table(("at the end", "value"), summary)],
-        summary=[Fact(*line, part="domain") for line in summary],
-        pictures=[Picture.of(chart) for chart in learning_charts(rows)],
+        [Table(("at the end", "value"), [(fact.what, fact.value) for fact in facts])],
+        [Picture.of(chart) for chart in learning_charts(rows)],
+        facts,
         hero=hero,
-        tiles=[Tile(what, value) for what, value in summary],
     )
 
 
@@ -300,65 +264,67 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
         "All episodes fly to their full length and count. Steps are the states after each command. "
         "Intervals are 95 %: Wilson's of shares, and percentile bootstraps over episodes of the rest."
     )
-    findings = [_solved(m) for m in measured]
-    summary = [fact for m in measured for fact in _key_metrics(m)]
-    hero, first = headline(measured[0]) if measured else ("", [])
     return Section(
         "Evaluation",
         text,
         tables,
         pictures,
-        findings=findings,
-        summary=summary,
-        hero=hero,
-        tiles=first,
+        [fact for m in measured for fact in _key_metrics(m)],
+        notes=[note for m in measured if (note := _doubt(m))],
+        hero=_headline(measured[0]) if measured else "",
     )
 
 
 def evaluation_page(measured: Sequence[Metrics], flight: Flight, command: str) -> Page:
     """The result of an evaluation: its sentence and tiles, a replay of some of its flights, and all metrics."""
-    section = evaluation_section(measured)
-    sections = [section]
+    sections = [evaluation_section(measured)]
     if (replay := median_and_slowest(flight, measured[0].controller)) is not None:
         sections.insert(0, Section("Replay", race=replay, first=True))
     about = header({"command": command, "environment": environment()})
-    return Page(
-        f"Evaluation: {measured[0].controller}",
-        sections,
-        about,
-        hero=section.hero,
-        tiles=section.tiles,
-    )
+    return Page(f"Evaluation: {measured[0].controller}", sections, about)
 
 
-def _solved(measured: Metrics) -> Finding:
-    """Whether enough episodes are solved, and what their number shows: few that are all solved show little."""
+def _headline(measured: Metrics) -> str:
+    """The result of an evaluation in a sentence, with the interval of what is solved."""
     solved = measured["solved"]
-    rate = f"{figure(solved.value, '.4g')} % solved ({interval(solved.low, solved.high)} %)"
-    doubt = too_few(measured.episodes)
-    if doubt and solved.value >= SOLVED_SHARE:
-        return Finding(f"{measured.title()}: {rate}. {doubt}")
-    text = f"{measured.title()}: {rate}; at least {SOLVED_SHARE:g} % are asked."
-    return Finding(text, solved.value >= SOLVED_SHARE)
+    hero = (
+        f"{measured.controller} solves {figure(solved.value, '.4g')} % of {measured.episodes:,} episodes "
+        f"({figure(solved.low)} to {figure(solved.high)} %)"
+    )
+    if "settling time" in measured and math.isfinite(measured["settling time"].value):
+        hero += f" and settles in {figure(measured['settling time'].value)} s"
+    if "impulse" in measured:
+        hero += f", with {figure(measured['impulse'].value)} N s"
+    return f"{hero}."
+
+
+def _doubt(measured: Metrics) -> str:
+    """What so few episodes cannot show, though all are solved; "" where there are enough, or some have failed."""
+    return too_few(measured.episodes) if measured["solved"].value >= SOLVED_SHARE else ""
 
 
 def _key_metrics(measured: Metrics) -> Iterator[Fact]:
+    """Facts of an evaluation by one engine; whether enough is solved is judged where the episodes can show it."""
     engine = f"{measured.engine} engine"
+    lines = {name: (value, limits) for _, (name, value, limits, _) in measured.lines()}
+    for name in _KEY_METRICS:
+        if name in lines:
+            value, limits = lines[name]
+            passed = None
+            if name == "solved":
+                limits += f"; at least {SOLVED_SHARE:g} % are asked"
+                passed = None if _doubt(measured) else measured[name].value >= SOLVED_SHARE
+            yield Fact(f"{name}, {engine}", value, passed=passed, note=limits)
     yield Fact(f"episodes, {engine}", f"{measured.episodes:,}")
-    for _, (name, value, limits, _) in measured.lines():
-        if name in _KEY_METRICS:
-            passed = _solved(measured).passed if name == "solved" else None
-            yield Fact(f"{name}, {engine}", f"{value} ({limits})", passed=passed)
 
 
 def _agreement(both: Mapping[str, Any]) -> Iterator[Fact]:
     """How far both engines differ over the same starts, each against what its error bar allows."""
     for pair in both.get("pairs", ()):
         allowed = pair["bound"]
-        text = f"{pair['difference']:+.2g} {pair['unit']}"
-        if allowed is not None:
-            text += f" ({allowed[0]:+.2g} to {allowed[1]:+.2g} allowed)"
-        yield Fact(f"Drake less fast, {pair['name']}", text, passed=pair["passed"])
+        note = "" if allowed is None else f"{allowed[0]:+.2g} to {allowed[1]:+.2g} allowed"
+        value = f"{pair['difference']:+.2g} {pair['unit']}"
+        yield Fact(f"Drake less fast, {pair['name']}", value, passed=pair["passed"], note=note)
     if "same_commands" in both:
         yield Fact("control periods in which both open the same", f"{both['same_commands']:.2%}")
 
@@ -366,23 +332,21 @@ def _agreement(both: Mapping[str, Any]) -> Iterator[Fact]:
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
     """Contestants (see `rans.show.tables.comparison_tables.outcome`), a line each; compare.html has the rest."""
     rows = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
-    texts = [*comparison.get("notes", ()), *(f"{name} {outcome}." for name, outcome in rows)]
-    findings = [*(Finding(text, False) for text in comparison["failures"]), *map(Finding, texts)]
-    # Files of former versions have no sentence.
+    # Files of former versions have neither sentence nor tiles.
     said = "; ".join(f"{name} {outcome}" for name, outcome in rows[:3])
     tiles = [
-        Tile(*(str(t[key]) for key in ("label", "value", "note")))
-        for t in comparison.get("tiles", ())
+        Fact(str(tile["label"]), str(tile["value"]), note=str(tile["note"]))
+        for tile in comparison.get("tiles", ())
     ]
     return Section(
         "Comparison",
         f"{comparison['title']}.",
         [Table(("contestant", "outcome"), rows)],
-        findings=findings,
-        summary=[*(Fact(*row) for row in rows), *_gaps(comparison)],
+        facts=[*(tiles or (Fact(*row) for row in rows)), *_gaps(comparison)],
+        failures=comparison["failures"],
+        notes=comparison.get("notes", ()),
         link="compare.html",
         hero=str(comparison.get("hero") or f"{said}."),
-        tiles=tiles,
     )
 
 
@@ -435,7 +399,7 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
     agreement = [*_agreement(evaluation.get("both", {}))] if isinstance(evaluation, dict) else []
     page = inside(file.parent, f"{file.stem}.html")
     link = page.name if page.is_file() else ""
-    return replace(section, title=_title(file), link=link, summary=[*section.summary, *agreement])
+    return replace(section, title=_title(file), link=link, facts=[*section.facts, *agreement])
 
 
 def _kept_picture(file: Path, caption: str) -> Picture:

@@ -16,7 +16,7 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 def values(shown: Comparison) -> dict[str, str]:
-    return {tile.label: tile.value for tile in page(shown).tiles}
+    return {tile.what: tile.value for tile in page(shown).tiles}
 
 
 def test_tiles_have_units() -> None:

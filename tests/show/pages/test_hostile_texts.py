@@ -25,7 +25,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.show import markup
 from rans.show.pages.comparison_page import page as comparison_page
 from rans.show.pages.notebook import html_of
-from rans.show.pages.page import Finding, Page, Section, Tile
+from rans.show.pages.page import Fact, Page, Section
 from rans.show.pages.playground import playground
 from rans.show.pages.replay import replay_page
 from rans.show.pages.report import evaluation_page, report_from_run
@@ -144,7 +144,10 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
     written(folder, contents())
     (folder / "spacecraft.toml").write_text(file.read_text("utf-8"), "utf-8")
     table = Table((HOSTILE, "n"), [(HOSTILE, 1.0)], HOSTILE, colours={HOSTILE: "red"})
-    section = Section(HOSTILE, 9 * HOSTILE, [table], [], [Finding(HOSTILE)], link="x.html")
+    fact = Fact(HOSTILE, "1", passed=True, note=HOSTILE)
+    section = Section(
+        HOSTILE, 9 * HOSTILE, [table], [], [fact], [HOSTILE], [HOSTILE], link="x.html", hero=HOSTILE
+    )
 
     return {
         "playground": playground(flyer).html,
@@ -152,9 +155,7 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
         "evaluation": evaluation_page([measure(flight())], flight(), HOSTILE).html,
         "comparison": comparison_page(comparison, HOSTILE).html,
         "report": report_from_run(folder).html,
-        "page": Page(
-            HOSTILE, [section], {HOSTILE: HOSTILE}, HOSTILE, HOSTILE, [Tile(*[HOSTILE] * 3)]
-        ).html,
+        "page": Page(HOSTILE, [section], {HOSTILE: HOSTILE}).html,
         **{
             type(value).__name__: partial(html_of, value)
             for value in (craft, conditions, measure(flight()), flight(), comparison)

@@ -16,7 +16,7 @@ from rans.evaluation.measure.aggregate import measure
 from rans.files import read_json, write_json
 from rans.registry import Registry
 from rans.show.pages import report as report_module
-from rans.show.pages.page import Section, Tile
+from rans.show.pages.page import Fact, Section
 from rans.show.pages.report import (
     SOLVED_SHARE,
     comparison_section,
@@ -121,8 +121,8 @@ def test_report_from_run_holds_everything(run: Path) -> None:
         assert text in " ".join(page.text)
     assert page.tags.count("img") == 4  # two of the flight, and two charts of the training
     assert (
-        page.tags.count("details") == 3
-    )  # notes, validation and configuration are there for those who ask
+        page.tags.count("details") == 2
+    )  # validation and configuration are there for those who ask
     made = page.text.index("How it was made")
     table = page.text.index("2.45 cm", page.text.index("FAIL"))  # also a tile above
     assert table < page.text.index("tolerance") < made
@@ -166,8 +166,8 @@ def test_the_result_is_above_everything(run: Path) -> None:
     (run / "compare.json").unlink()
     page = report_from_run(run)
     assert "solves 50 % of 2 episodes (9.45 to 90.5 %)" in page.hero
-    assert [(tile.value, tile.note) for tile in page.tiles if tile.label == "solved"] == [
-        ("50 %", "9.45 to 90.5")
+    assert [tile.amount for tile in page.tiles if "solved" in tile.what] == [
+        "50 % (9.45 to 90.5; at least 99 % are asked)"
     ]
 
 
@@ -181,7 +181,7 @@ def test_a_comparison_begins_the_report(run: Path) -> None:
     (run / "compare.svg").write_text("<svg><script>hostile()</script></svg>")
     page = report_from_run(run)
     assert page.hero == "A settles."
-    assert page.tiles[0] == Tile("bound", "1.13 x", "of 2 starts")
+    assert page.tiles[0] == Fact("bound", "1.13 x", note="of 2 starts")
     assert [section.title for section in page.sections if section.first] == ["Time and impulse"]
     assert "hostile" not in page.html()
     assert 'href="compare.html"' in page.html()
@@ -222,13 +222,15 @@ def test_as_many_solved_as_are_wanted_are_enough(share: float, passed: bool) -> 
     rows = tuple(
         replace(row, value=share) if row.name == "solved" else row for row in measured.rows
     )
-    (finding,) = evaluation_section([replace(measured, rows=rows, episodes=381)]).findings
-    assert finding.passed is passed
+    section = evaluation_section([replace(measured, rows=rows, episodes=381)])
+    assert [check for check, _ in section.checks] == [passed]
     # n / (n + 1.96^2) is 0.99 from n = 380.3 on.
-    (few,) = evaluation_section([replace(measured, rows=rows, episodes=380)]).findings
-    assert few.passed is (None if passed else False)
-    assert ("380 episodes cannot show 99 %" in few.text) is passed
-    assert ("at least 98.9 % at 95 % confidence; at least 381 are needed" in few.text) is passed
+    few = evaluation_section([replace(measured, rows=rows, episodes=380)])
+    assert [check for check, _ in few.checks] == [False] * (not passed)
+    assert ("380 episodes cannot show 99 %" in str(few.notes)) is passed
+    assert (
+        "at least 98.9 % at 95 % confidence; at least 381 are needed" in str(few.notes)
+    ) is passed
 
 
 def test_no_results_is_an_error(tmp_path: Path) -> None:
@@ -265,14 +267,12 @@ def test_other_content_is_named(run: Path, name: str, content: str) -> None:
 
 
 def test_validation_findings() -> None:
-    assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).findings] == [
-        False,
-        None,
-    ]
-    assert [f.passed for f in validation_section({"checks": [CHECK]}).findings] == [True]
+    assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).facts] == [False, False]
+    assert [f.passed for f in validation_section({"checks": [CHECK]}).facts] == [True]
     # A value that is not finite comes as null.
     broken = LATE | {"value": None}
-    assert validation_section({"checks": [broken]}).findings[0].text.startswith("rollout: –")  # noqa: RUF001
+    (_, fact) = validation_section({"checks": [broken]}).facts
+    assert (fact.what, fact.amount) == ("rollout", "– m (tolerance 1e-09)")  # noqa: RUF001
 
 
 def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
@@ -289,16 +289,14 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
         {"title": "4 starts", "summary": [agent, bound], "failures": ["One lost."]}
     )
     assert section.text == "4 starts."
-    assert [(finding.text, finding.passed) for finding in section.findings] == [
-        ("One lost.", False),
-        ("agent solves its task from 2 of 4 starts, 12.00 N s of thrust (mean).", None),
-        (
-            "least time solves its task from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none "
-            "from 1.",
-            None,
+    assert section.checks == [(False, "One lost.")]
+    assert section.facts == [
+        Fact("agent", "solves its task from 2 of 4 starts, 12.00 N s of thrust (mean)"),
+        Fact(
+            "least time",
+            "solves its task from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none from 1",
         ),
     ]
-    assert [fact.what for fact in section.summary] == ["agent", "least time"]
 
 
 @pytest.mark.parametrize("picture", ["no picture", "<html/>"])
@@ -336,11 +334,11 @@ def test_two_packages_may_add_to_the_same_file(
 def test_notes_of_a_package_leave_the_headline_to_the_training(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A section that has found nothing out says no result; alone it is the page's title."""
+    """A section that has found nothing out says no result."""
     (tmp_path / "notes.json").write_text(json.dumps({"author": "Ada"}))
     offered = [("notes.json", lambda file, notes: Section("Notes"))]
     monkeypatch.setattr(report_module, "SECTIONS", SimpleNamespace(each=lambda: offered))
-    assert report_from_run(tmp_path).hero == "Notes."
+    assert report_from_run(tmp_path).hero == ""
     (tmp_path / "config.json").write_text("{}")
     (tmp_path / "metrics.jsonl").write_text(json.dumps({"steps": 2000, "success": 0.75}))
     hero = report_from_run(tmp_path).hero

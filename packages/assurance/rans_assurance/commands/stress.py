@@ -56,11 +56,10 @@ def _show(report: StressReport) -> None:
     """Print what a sweep says, and its files."""
     console = Terminal()
     stress = report.stress
-    say(report.section, console)
-    for sentence in report.notes():
-        console.say(sentence)
+    section = report.section
+    say(section, console)
     if stress.outcomes:
         console.say(f"Written to {report.folder / 'stress.json'} and the folder stress.")
-        for table in report.section.details:
+        for table in section.details:
             if table.title == WORST:
                 console.say(f"The first of the worst episodes: {table.rows[0][-1]}")

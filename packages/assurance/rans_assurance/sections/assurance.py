@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import QUANTITIES, Fact, Failure, Finding, Section, Table, Tile
+from rans.extend import QUANTITIES, Fact, Failure, Section, Table
 
 _TEXT = (
     "A flight fails if the task declares it failed, if its state is no longer finite, or if at any step of "
@@ -24,39 +24,35 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     below = result["about"]["below"]
     passed = result["decision"] == "below" if below is not None and is_over(result) else None
     failed = "{failures:,} of {flights:,}".format(**bound)
-    table = counts(result)
-    judged = (result.get("replays") or {}).get("judged", [])
-    sentence = decision_sentence(result)
-    least = f"{bound['at most']:.3g}"
-    title = f"probability of failure, {table.columns[-1]}"
+    replays = result.get("replays") or {}
+    judged = replays.get("judged", [])
     found_one = (result.get("searched") or {}).get("text", "")
-    found = [Fact(what, text, part) for what, text, part in _asked_facts(result)]
-    found += [
+    sure = Fact(
+        "failure probability, at most" + (f" ({below:g} allowed)" if below is not None else ""),
+        f"{bound['at most']:.3g}",
+        "requirement",
+        passed,
+        f"{failed} flights failed\n{_sure(result)} confidence",
+    )
+    again = [*_replay_facts(replays, judged)]
+    facts = [
         Fact("flights that failed", failed, "requirement"),
-        Fact(
-            title + (f", {below:g} allowed" if below is not None else ""),
-            least,
-            "requirement",
-            passed,
-        ),
-        *_replay_facts(result.get("replays") or {}, judged),
+        sure,
+        *again,
         *([] if bound["failures"] else [Fact("worst flight", "none failed", "limits")]),
         *([Fact("smallest disturbance that fails", found_one, "limits")] if found_one else []),
+        *_asked_facts(result),
     ]
-    findings = [Finding(sentence, passed)]
-    findings += [
-        Finding(f"{fact.what}: {fact.value}", fact.passed)
-        for fact in found
-        if fact.part == "evidence"
-    ]
-    findings += [Finding(found_one)] if found_one else []
     page = file.with_name(f"{file.stem}-worst-case.html")
     return Section(
         file.stem.replace("-", " ").capitalize(),  # such as "Assurance lab"
         f"Flown by {result['command']}. {_TEXT}",
-        [table],
-        findings=findings,
-        summary=found,
+        [counts(result)],
+        facts=facts,
+        notes=[
+            *(f"{fact.what}: {fact.value}." for fact in again if fact.part == "evidence"),
+            *([found_one] if found_one else []),
+        ],
         details=[
             *_again(judged),
             *asked(result),
@@ -64,13 +60,8 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
             _hashes(result),
         ],
         link=page.name if page.is_file() else "",
-        hero=sentence,
-        tiles=[Tile("flights that failed", failed)],
-        sure=Tile(
-            "failure probability, at most",
-            least,
-            f"{failed} flights failed\n{_sure(result)} confidence",
-        ),
+        hero=decision_sentence(result),
+        sure=sure,
     )
 
 
@@ -125,14 +116,14 @@ def asked(result: Mapping[str, Any]) -> Iterator[Table]:
         yield Table(("what was asked", "it is"), rows, "What was asked")
 
 
-def _asked_facts(result: Mapping[str, Any]) -> Iterator[tuple[str, str, Any]]:
+def _asked_facts(result: Mapping[str, Any]) -> Iterator[Fact]:
     """Rows of the scope but conditions, which are as many as a mixture has; those of a name are one."""
     texts: dict[str, list[str]] = {}
     for what, text in result.get("scope", {}).get("rows", ()):
         texts.setdefault(what, []).append(str(text))
     texts.pop("conditions", None)
     for what, some in texts.items():
-        yield what, "; ".join(some), "domain" if what == "starts" else "requirement"
+        yield Fact(what, "; ".join(some), "domain" if what == "starts" else "requirement")
 
 
 def _replay_facts(replays: Mapping[str, Any], judged: list[Mapping[str, Any]]) -> Iterator[Fact]:

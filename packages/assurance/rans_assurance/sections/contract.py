@@ -41,7 +41,7 @@ def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
     if "stack" in code:
         facts.append(Fact("stack in C", f"{code['stack']:,} bytes"))
     table = Table(("what", "it is"), [(fact.what, fact.value) for fact in facts])
-    return Section("Contract", "Interface of the exported agent.", [table], summary=facts)
+    return Section("Contract", "Interface of the exported agent.", [table], facts=facts)
 
 
 def judges_section(_: Path, judges: Mapping[str, Any]) -> Section:
@@ -60,4 +60,4 @@ def judges_section(_: Path, judges: Mapping[str, Any]) -> Section:
     table = Table(
         ("case", "differences", "verdict"), [(fact.what, fact.value, fact.passed) for fact in facts]
     )
-    return Section("Judges", "Judged by software of others.", [table], summary=facts)
+    return Section("Judges", "Judged by software of others.", [table], facts=facts)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from rans.evaluation.measure.statistics import WANTED, wanted
-from rans.extend import Chart, Fact, Finding, Mark, Picture, Section, Series, Table, Tile
+from rans.extend import Chart, Fact, Mark, Picture, Section, Series, Table
 from rans.show.palette import series_style
 from rans_assurance.sections.assurance import asked
 
@@ -32,39 +32,26 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
         (name, effect["unit"], *(_reach(effect, who) for who in names))
         for name, effect in effects.items()
     ]
-    part = _part(stress, names)
     tables = [Table(("solved", *names), shares, f"{stress['title']}")]
     if effects:
-        title = f"Size of a disturbance up to which {part} are solved"
+        title = f"Size of a disturbance up to which {_part(stress, names)} are solved"
         tables.append(Table(("disturbance", "unit", *names), reaches, title))
-    # Facts are of the first contestant, whose dossier it is.
+    # Facts are of the first contestant, whose dossier it is: the worst conditions first, others beside it.
     facts = [
-        Fact(f"solved under {name}", _percent(row[first]), "limits")
-        for name, row in named.items()
-        if first in row
+        _fact(f"solved under {name}", cells, names)
+        for name, *cells in sorted(shares, key=lambda row: _share(named[row[0]], first))
+        if first in named[name]
     ]
-    facts += [
-        Fact(f"{name}, {effect['unit']}: solved up to", _reach(effect, first), "limits")
-        for name, effect in effects.items()
-    ]
-    # The first screen has the worst first, and nothing of a sweep that failed.
-    ranked = sorted(
-        (row for row in shares if first in named[row[0]]),
-        key=lambda row: named[row[0]][first]["held"]["value"],
-    )
-    tiles: list[Tile] = []
-    if not stress["failures"]:
-        tiles += (_tile(f"solved, {name}", cells, names) for name, *cells in ranked)
     hero = ""
-    if tiles:
-        beside = tiles[0].note.partition("\n")[2]
-        under = "the conditions" if len(ranked) == 1 else "its worst conditions,"
-        hero = f"{first} solves {tiles[0].value} of the episodes under {under} {ranked[0][0]}"
-        hero += f"; beside it {beside}." if beside else "."
-        asks = _part(stress, [first]).replace(" of the episodes", "")
-        for name, unit, *cells in reaches:
-            sizes = [f"{cell} {unit}".rstrip() if cell[-1].isdigit() else cell for cell in cells]
-            tiles.append(_tile(f"{name}, {asks} solved up to", sizes, names))
+    if facts and not stress["failures"]:
+        worst = facts[0]
+        hero = f"{first} solves {worst.value} of the episodes {worst.what.removeprefix('solved ')}"
+        hero += f", the worst of {len(facts)} sets of conditions" if len(facts) > 1 else ""
+        hero += f" ({'; '.join(worst.note.splitlines())})."
+    asks = _part(stress, [first]).replace(" of the episodes", "")
+    for name, unit, *cells in reaches:
+        sizes = [f"{cell} {unit}".rstrip() if cell[-1].isdigit() else cell for cell in cells]
+        facts.append(_fact(f"{name}, {asks} solved up to", sizes, names))
     sizes = [
         (
             row["effect"],
@@ -76,18 +63,18 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
     ]
     return Section(
         "Stress",
-        " ".join(filter(None, (stress.get("text"), *stress.get("notes", ())))),
+        str(stress.get("text", "")),
         tables,
         [Picture.of(chart) for chart in _charts(flown, effects)],
-        findings=[Finding(text, False) for text in stress["failures"]],
-        summary=facts,
+        facts,
+        stress["failures"],
+        stress.get("notes", ()),
         details=[
             *_worst_table(flown),
             *([Table(("solved", "size", *names), sizes, "Every size")] if sizes else []),
             *asked(stress),
         ],
         hero=hero,
-        tiles=tiles,
     )
 
 
@@ -175,8 +162,13 @@ def _charts(flown: Mapping[str, Any], effects: Mapping[str, Any]) -> Iterator[Ch
         yield Chart(label, "solved, %", series, caption, y_range=(-3.0, 103.0))
 
 
-def _tile(label: str, cells: list[str], names: list[str]) -> Tile:
-    """Tile of the first contestant's cell of a table: its value, its interval below, and what the others have."""
+def _share(row: Mapping[str, Any], name: str) -> float:
+    """Share that a contestant solves, 0 to 1; 1 where it has not flown."""
+    return float(row[name]["held"]["value"]) if name in row else 1.0
+
+
+def _fact(what: str, cells: list[str], names: list[str]) -> Fact:
+    """The first contestant's cell of a table, and below it its interval, and what the others have."""
     (value, limits), *others = (cell.removesuffix(")").partition(" (")[::2] for cell in cells)
     beside = ", ".join(f"{who} {x}" for who, (x, _) in zip(names[1:], others, strict=True))
-    return Tile(label, value, "\n".join(filter(None, (limits, beside))))
+    return Fact(what, value, "limits", note="\n".join(filter(None, (limits, beside))))

@@ -125,7 +125,7 @@ def test_a_mission_that_ends_is_scored_by_its_success(entry: Entry) -> None:
     assert row["impulse of successes, N s"].value == pytest.approx(impulses(flight).mean())
     assert row["impulse over the bound"].value == pytest.approx(2.0)
     assert row["impulse over the bound, worst"].value == pytest.approx(2.0)
-    (*_, gap) = comparison_section(to_json(comparison, "")).summary
+    (*_, gap) = comparison_section(to_json(comparison, "")).facts
     assert (gap.what, gap.value[:3]) == ("gap of mission: impulse", "2.0")
     row = board["wild"]
     assert row["mission won, %"].value == 50.0
