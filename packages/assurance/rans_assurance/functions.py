@@ -30,10 +30,10 @@ from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
     from rans.choices import EngineName
+    from rans.evaluation.measure.aggregate import Metrics
     from rans.randomization.conditions import FaultKind
     from rans.randomization.faults import FaultSet
     from rans_assurance.assure.assurance import Assurance
-    from rans_assurance.follow.follow import Following
     from rans_assurance.stress.report import StressReport
 
 STRESSED = ("lab", "roboran", "orbit", "harsh")
@@ -241,12 +241,12 @@ def follow(
     episodes: int = 16,
     seed: int = EVALUATION_SEED,
     engine: EngineName = "fast",
-) -> Following:
+) -> Metrics:
     """Fly an agent that tracks velocities around a circle of 1.5 m, with the paper's look-ahead planner.
 
     >>> found = rans.follow("track-velocity-2d", episodes=2)
-    >>> found.quantities()[0].name
-    'cross-track RMS'
+    >>> found["cross-track RMS"].value < 10.0
+    True
 
     Args:
         agent: run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
@@ -262,20 +262,14 @@ def follow(
         ConfigError: the agent is for another task, or a number is out of its range.
     """
     from rans.evaluation.fly.contestants import in_protocol
-    from rans_assurance.follow.follow import LookAhead, fly_circle
+    from rans.evaluation.fly.episodes import fly_episodes
+    from rans_assurance.circle import LookAhead, guided, tracked
 
     planner = LookAhead(speed, look_ahead)
     run = in_protocol(agent, "own")
-    return fly_circle(
-        run.craft,
-        run.task,
-        run.controller,
-        planner,
-        run.timing,
-        seed,
-        whole("episodes", episodes),
-        engine,
-    )
+    setup = guided(run, planner)
+    count = whole("episodes", episodes)
+    return tracked(fly_episodes(run.controller, setup, seed, count, engine), planner)
 
 
 FAULT_COLUMNS = ("fault", "recoverable", "least margin", "not recoverable")

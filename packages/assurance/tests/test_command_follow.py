@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from rans_assurance.commands.follow import Follow
 
+from rans.show.pages.report import report_from_run
 from rans.tasks import TrackVelocity
 from tests.support.training import CONFIG, tiny_trainer
 
@@ -23,23 +24,17 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_writes_table_and_numbers(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert Follow(str(run), episodes=3).run() == 0
-    printed = capsys.readouterr().out
-    assert "cross-track RMS" in printed
-    written = run / "follow-circle.json"
-    assert str(written) in printed.replace("\n", "")
-    numbers = json.loads(written.read_text())
-    assert (numbers["speed"], numbers["look_ahead"]) == (0.25, 0.25)
-    assert all(len(row["flights"]) == 3 for row in numbers["quantities"])
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_same_seed_gives_the_same_flights(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_writes_table_and_numbers_of_its_seed(
+    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     results = []
+    written = run / "evaluation-circle.json"
     for seed in (1, 1, 2):
         monkeypatch.setattr("rans_assurance.commands.follow.EVALUATION_SEED", seed)
         assert Follow(str(run), episodes=2).run() == 0
-        results.append(json.loads((run / "follow-circle.json").read_text())["quantities"])
+        printed = capsys.readouterr().out
+        assert "cross-track RMS" in printed
+        assert str(written) in printed.replace("\n", "")
+        results.append(json.loads(written.read_text())["fast"]["rows"])
     assert results[0] == results[1] != results[2]
+    assert "Evaluation circle" in [section.title for section in report_from_run(run).sections]

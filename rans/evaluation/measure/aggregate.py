@@ -7,7 +7,7 @@ import io
 import itertools
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -160,8 +160,8 @@ def estimated(sample: Sample, bootstrap: Bootstrap) -> Estimate:
     return bootstrap.of(sample.centre, sample.values)
 
 
-def measure(flight: Flight) -> Metrics:
-    """Measure a batch of episodes of any task; equal flights have equal intervals.
+def measure(flight: Flight, own: Iterable[Sample] | None = None) -> Metrics:
+    """Measure a batch of episodes of any task, by all metrics or by its own; equal flights have equal intervals.
 
     Intervals of shares are Wilson's, which have a width even if all succeed; others are those of a `Bootstrap`.
     """
@@ -169,7 +169,7 @@ def measure(flight: Flight) -> Metrics:
     bootstrap = Bootstrap(episodes)
     rows = [
         Metric(*sample[:4], *dataclasses.astuple(estimated(sample, bootstrap)), key=sample.key)
-        for sample in samples(flight)
+        for sample in (samples(flight) if own is None else own)
     ]
     return Metrics(
         flight.controller,

@@ -7,6 +7,7 @@ from rans.extend import (
     Options,
     Terminal,
     command_of,
+    inside,
     ready_folder,
     word,
     write_json,
@@ -22,8 +23,8 @@ from rans_assurance.functions import follow
 class Follow(Options):
     """Fly an agent that tracks velocities around a circle of 1.5 m, with the paper's look-ahead planner.
 
-    Writes follow-circle.json into the run folder, or for other contestants into runs/evaluations/. The speed along
-    the circle is 0.25 m/s.
+    Writes evaluation-circle.json, which a report has too, into the run folder, or for other contestants into
+    runs/evaluations/. The speed along the circle is 0.25 m/s.
     """
 
     group = "Judge"
@@ -40,10 +41,11 @@ class Follow(Options):
         from rans.extend import ContestantName, contestant
 
         contestant(self.agent)  # reject a wrong name before a folder is created
-        file = ready_folder(ContestantName.parse(self.agent).output_folder)
-        file = file / "follow-circle.json"
-        following = follow(self.agent, episodes=self.episodes, seed=EVALUATION_SEED)
-        Terminal().table(following.table())
-        write_json(file, following.to_json() | {"seed": EVALUATION_SEED})
-        Terminal().say(f"Written to {file}.")
+        folder = ready_folder(ContestantName.parse(self.agent).output_folder)
+        file = inside(folder, "evaluation-circle.json")
+        found = follow(self.agent, episodes=self.episodes, seed=EVALUATION_SEED)
+        console = Terminal()
+        console.table(found.table(console.width))
+        write_json(file, {found.engine: found.to_json(), "seed": EVALUATION_SEED})
+        console.say(f"Written to {file}.")
         return 0

@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-import json
 import math
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rans_assurance.follow.follow import (
-    RADIUS,
-    START_SPREAD,
-    Following,
-    LookAhead,
-    Progress,
-    fly_circle,
-)
+from rans_assurance.circle import RADIUS, START_SPREAD, LookAhead, Progress, guided, tracked
 
-from rans.files import plain
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
@@ -52,14 +45,20 @@ class Tracker:
         return (body @ self.directions[:, : body.shape[1]].T > 0.0376).astype(float)
 
 
-def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, **options: Any) -> Following:
-    return fly_circle(
-        craft, TrackVelocity(), Tracker(craft), planner, Timing(), seed=5, count=4, **options
+def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, engine: Any = "fast") -> Flight:
+    tracker = Tracker(craft)
+    run: Any = SimpleNamespace(
+        craft=craft, task=TrackVelocity(), controller=tracker, timing=Timing()
     )
+    return fly_episodes(tracker, guided(run, planner), 5, 4, engine)
 
 
-def by_hand() -> Following:
-    """Two flights with a look-ahead of 0.15 m: 0.4 rad of approach, then a lap.
+def columns(vector: Any) -> np.ndarray:
+    return np.stack(vector.columns(), axis=2)
+
+
+def by_hand(flights: int) -> Flight:
+    """Up to two flights with a look-ahead of 0.15 m: 0.4 rad of approach, then a lap.
 
     One takes a quarter of the lap a period, 3 cm and then 4 cm outside. The other never leaves the approach.
     """
@@ -67,31 +66,25 @@ def by_hand() -> Following:
     angles = np.array([[0.0, *(0.4 + quarter * np.arange(5)), 6.7], [0.0, *[0.1] * 6]]).T
     outside = np.array([[0.9, 0.03, 0.03, 0.04, 0.04, 0.9, 0.9], [*[0.9] * 5, -0.2, 0.9]]).T
     speed = np.array([[9.0, 9.0, 0.5, 0.5, 0.3, 0.3, 9.0], [*[9.0] * 6, 0.8]]).T
-    zero = np.zeros((7, 2))
+    angles, outside, speed = (x[:, :flights] for x in (angles, outside, speed))
+    zero = np.zeros((7, flights))
     away = RADIUS + outside
     place = Vec2(away * np.cos(angles), away * np.sin(angles))
     states = PlanarState(place, Heading(zero), Vec2(speed, zero), zero)
     goals = PlanarState(
         Vec2(zero, zero), Heading(zero), Vec2(zero + 0.4, zero), zero, Progress(angles)
     )
-    thrusters = np.zeros((6, 2, 8))
+    thrusters = np.zeros((6, flights, 8))
     thrusters[1:3, 0, :4] = 1.0
     timing = Timing(control_period=0.5, episode_steps=6)
-    flight = Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
-    return Following(LookAhead(speed=0.4, distance=0.15), flight)
-
-
-def planned(place: tuple[float, ...], progress: float, **options: float) -> tuple[Any, ...]:
-    """New progress, target and command of a single flight."""
-    planner = LookAhead(**options)
-    moved, target, command = planner.plan(np.array([place]), np.array([progress]))
-    return float(moved[0]), float(target[0]), command[0]
+    return Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
 
 
 def test_the_closest_point_if_none_is_within_the_distance() -> None:
-    progress, target, command = planned((2.0, 0.0, 1.0), 0.0, speed=0.5)
-    assert (progress, target) == (0.0, 0.0)
-    assert command == pytest.approx(0.5 * np.array([-0.5, 0.0, -1.0]) / math.hypot(0.5, 1.0))
+    planner = LookAhead(speed=0.5)
+    progress, command = planner.plan(np.array([(2.0, 0.0, 1.0)]), np.zeros(1))
+    assert progress == [0.0]
+    assert command[0] == pytest.approx(0.5 * np.array([-0.5, 0.0, -1.0]) / math.hypot(0.5, 1.0))
 
 
 def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
@@ -101,7 +94,7 @@ def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
     position = np.array([(1.4, -0.1)])
     progress = np.zeros(1)
     for _ in range(round(30.0 / period)):
-        progress, _, command = planner.plan(position, progress)
+        progress, command = planner.plan(position, progress)
         position = position + period * command
     error = planner.cross_track(position, progress)
     assert error == pytest.approx([1.5 - math.sqrt(1.5**2 - 0.25**2)], abs=3e-4)
@@ -115,9 +108,8 @@ def test_progress_never_goes_back_nor_jumps(seed: int, distance: float, dimensio
     planner = LookAhead(0.3, distance)
     position = np.random.default_rng(seed).normal(0.0, 1.5, (3, dimension))
     before = np.array([0.0, 3.0, planner.end - 0.01])
-    after, target, command = planner.plan(position, before)
+    after, command = planner.plan(position, before)
     assert ((after >= before) & (after <= before + planner.window)).all()
-    assert ((target >= after) & (target <= after + planner.window)).all()
     lengths = np.linalg.norm(command, axis=1)
     assert lengths == pytest.approx(np.where(after < planner.end, 0.3, 0.0))
 
@@ -132,90 +124,72 @@ def test_the_distance_is_from_the_part_near_the_flight() -> None:
     assert planner.cross_track(place[:1], np.array([math.pi])) == pytest.approx([far])
 
 
-@pytest.mark.parametrize(
-    ("name", "first", "second"),
-    [
-        ("cross-track RMS", 100 * math.sqrt((2 * 0.03**2 + 2 * 0.04**2) / 4), 20.0),
-        ("cross-track maximum", 4.0, 20.0),
-        # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; at last 0.8
-        ("velocity error", 10.0, 40.0),
-        ("speed error", 10.0, 40.0),
-        ("duration", 2.5, math.inf),
-        ("duty", 25.0, 0.0),  # half of the thrusters in two of four periods
-    ],
-)
-def test_quantities_by_hand(name: str, first: float, second: float) -> None:
+def test_errors_by_hand() -> None:
     """The approach does not count; a flight that is still in it is judged by its last instant."""
-    values = {quantity.name: quantity.values for quantity in by_hand().quantities()}
-    assert values[name] == pytest.approx([first, second], abs=1e-12)
-
-
-def test_a_table_says_never_and_json_too() -> None:
-    following = by_hand()
-    assert "1 of 2 flights arrive" in following.title()
-    table = json.loads(json.dumps(plain(following.to_json()), allow_nan=False))
-    rows = {row["name"]: row for row in table["quantities"]}
-    assert rows["duration"]["flights"] == [2.5, "inf"]
-    assert rows["duration"]["worst"] == "inf"
-    assert rows["cross-track maximum"]["mean"] == pytest.approx(12.0)
-    cells = [row[2] for row in following.table().rows]
-    assert cells == ["20 cm", "20 cm", "40 cm/s", "40 cm/s", "never", "25 %"]
+    planner = LookAhead(speed=0.4, distance=0.15)
+    # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; half of the thrusters in two of four periods.
+    first = {
+        "solved": 100.0,
+        "cross-track RMS": 100 * math.sqrt((2 * 0.03**2 + 2 * 0.04**2) / 4),
+        "cross-track maximum": 4.0,
+        "velocity error": 10.0,
+        "speed error": 10.0,
+        "duration": 2.5,
+        "duty": 25.0,
+    }
+    alone = tracked(by_hand(1), planner)
+    assert {name: row.value for name, row in alone.items()} == pytest.approx(first)
+    # The second is 20 cm off and 0.4 m/s too fast at its last instant, and fires nothing.
+    both = tracked(by_hand(2), planner)
+    assert (both["solved"].value, both["duration"].value) == (50.0, math.inf)
+    assert both["cross-track maximum"].value == pytest.approx(20.0)
+    assert both["cross-track RMS"].value == pytest.approx((first["cross-track RMS"] + 20.0) / 2)
+    assert both["speed error"].value == both["velocity error"].value == pytest.approx(25.0)
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 def test_a_simple_tracker_follows_the_circle(craft: Spacecraft) -> None:
     """A perfect one is 2.1 cm inside; with pulses of 7.5 cm/s it should stay within three times that.
 
-    Flights start near the first point, at rest, each in its own place and attitude.
+    Flights start near the first point, at rest, each in its own place and attitude, and rest at the end.
     """
-    following = flown(LookAhead(), craft)
-    values = {quantity.name: quantity.values for quantity in following.quantities()}
-    assert (values["cross-track RMS"] < 6.0).all()
-    assert (values["cross-track RMS"] > 0.1).all()
+    planner = LookAhead()
+    flight = flown(planner, craft)
+    found = tracked(flight, planner)
+    assert 0.1 < found["cross-track RMS"].value < 6.0
     # 1 m of approach and 9.42 m of lap at 0.25 m/s: 41.7 s, and some for the start and for detours
-    assert ((values["duration"] > 38.0) & (values["duration"] < 50.0)).all()
+    assert 38.0 < found["duration"].value < 50.0
+    velocities = columns(flight.states.v)
     # never faster than commanded by more than a pulse along each axis
     pulse = 0.075 * math.sqrt(craft.dimension)
-    assert np.linalg.norm(following.velocities, axis=2).max() < 0.25 + 1.5 * pulse
-    offset = following.positions[0] - np.array([RADIUS, 0.0, 0.0])[: craft.dimension]
+    assert np.linalg.norm(velocities, axis=2).max() < 0.25 + 1.5 * pulse
+    offset = columns(flight.states.p)[0] - np.array([RADIUS, 0.0, 0.0])[: craft.dimension]
     assert np.linalg.norm(offset, axis=1).max() <= START_SPREAD
     assert len(np.unique(offset[:, 0])) == 4
-    assert not following.velocities[0].any()
-
-
-def test_the_tracker_sees_the_command_as_its_goal_and_rests_at_the_end() -> None:
-    seen: list[np.ndarray] = []
-
-    class Watching(Tracker):
-        def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-            seen.append(observation)
-            return super().act(state, goal, observation)
-
-    tracker = Watching(PLATFORM)
-    following = fly_circle(PLATFORM, TrackVelocity(), tracker, LookAhead(), Timing(), 5, 2)
-    wanted = following.commands - following.velocities[:-1]
-    np.testing.assert_allclose(np.stack(seen)[:, :, 6:8], wanted, atol=1e-7)  # float32
-    arrived = following.progress >= following.planner.end
+    assert not velocities[0].any()
+    arrived = flight.goals.notes.angle >= planner.end
     assert arrived[-1].all()
-    assert not following.commands[arrived].any()
-    # what a pair cannot undo: 0.0376 m/s along each of two axes
-    assert np.linalg.norm(following.velocities[-1], axis=1).max() < 0.0376 * math.sqrt(2) + 1e-9
+    assert not columns(flight.goals.v)[arrived].any()
+    # what a pair cannot undo: 0.0376 m/s along each axis
+    rest = 0.0376 * math.sqrt(craft.dimension)
+    assert np.linalg.norm(velocities[-1], axis=1).max() < rest + 1e-9
 
 
 def test_drake_follows_as_we_do() -> None:
     """The goal moves with the spacecraft, whoever moves that: same commands, ways apart by rounding."""
     ours, drakes = (flown(LookAhead(speed=0.5), engine=engine) for engine in ("fast", "drake"))
-    assert drakes.flight.engine == "drake"
-    np.testing.assert_array_equal(drakes.flight.commands, ours.flight.commands)
+    assert drakes.engine == "drake"
+    np.testing.assert_array_equal(drakes.commands, ours.commands)
     # Drake's Runge-Kutta at 0.01 s: 1e-12 m in 25 s (`rans.reference.plant`)
-    np.testing.assert_allclose(drakes.positions, ours.positions, rtol=0, atol=1e-10)
-    assert np.ptp(drakes.flight.goals.v.x, axis=0).min() > 0.01  # the command did change
+    places = columns(drakes.states.p), columns(ours.states.p)
+    np.testing.assert_allclose(*places, rtol=0, atol=1e-10)
+    assert np.ptp(drakes.goals.v.x, axis=0).min() > 0.01  # the command did change
 
 
-@pytest.mark.parametrize(("look_ahead", "arrives"), [(0.3, True), (1.35, False)])
-def test_a_lap_that_is_cut_is_none(look_ahead: float, arrives: bool) -> None:
+@pytest.mark.parametrize(("look_ahead", "solved"), [(0.3, 100.0), (1.35, 0.0)])
+def test_a_lap_that_is_cut_is_none(look_ahead: float, solved: float) -> None:
     """By hand: around a circle of 1.5 m at sqrt(1.5^2 - L^2), 0.98 and 0.44 of its radius."""
-    following = flown(LookAhead(distance=look_ahead))
-    assert following.progress.max() >= following.planner.end  # the planner counts both as done
-    assert np.isfinite(following.durations).all() == arrives
-    assert np.isfinite(following.durations).any() == arrives
+    planner = LookAhead(distance=look_ahead)
+    flight = flown(planner)
+    assert flight.goals.notes.angle.max() >= planner.end  # the planner counts both as done
+    assert tracked(flight, planner)["solved"].value == solved
