@@ -82,12 +82,13 @@ def tiny_learner(
     dtype: torch.dtype = torch.float32,
     task: Any = NEAR,
     continuous: bool = False,
+    device: str = "cpu",
     **settings: Any,
 ) -> PPOLearner:
     """PPO, by default where many episodes fail and others are cut off by time; SB3 knows its network."""
     chosen = settings_with(TINY, **{"symmetric": False} | settings)
     craft = replace(craft, actuators=Throttle()) if continuous else craft
-    engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype)
+    engine = Engine(craft, task, chosen.n_envs, SHORT, seed=seed, dtype=dtype, device=device)
     return begin(engine, chosen, seed)
 
 
@@ -248,12 +249,12 @@ def everything(trainer: Trainer) -> list[Any]:
     return [*flat, weights(trainer.learner.network).tolist(), repr(learner["adam"])]
 
 
-def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
+def collected(craft: Any, device: str = "cpu", **settings: Any) -> tuple[PPOLearner, Batch]:
     """A learner and what it has to learn from, by a policy that has changed since."""
     sizes: dict[str, Any] = {"n_envs": 20, "batch_size": 160, "clip_range": 0.15}
-    learner = tiny_learner(craft, **(sizes | settings))
+    learner = tiny_learner(craft, device=device, **(sizes | settings))
     learner.backend = None
-    scale = torch.Generator().manual_seed(1)
+    scale = torch.Generator(device).manual_seed(1)
     network = scatter(learner.network)
     with torch.no_grad():
         for name in network.learnt:  # outputs of order one
@@ -263,9 +264,8 @@ def collected(craft: Any, **settings: Any) -> tuple[PPOLearner, Batch]:
         told.normal_(generator=scale)
     with torch.no_grad():
         for name in network.learnt:
-            network.tensors[name] += 0.02 * torch.randn(
-                network.tensors[name].shape, generator=scale
-            )
+            like = network.tensors[name]
+            like += 0.02 * torch.randn(like.shape, generator=scale, device=device)
     return learner, learner.batch()
 
 

@@ -237,28 +237,6 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(
     assert [row["steps"] for row in long.rows] == [steps, steps + 64 * 16]
 
 
-class _Flown(Exception):
-    """A round would be flown now."""
-
-
-@pytest.mark.parametrize("period", [0.1, 0.2])
-def test_a_round_of_an_imitation_alone_is_as_long_as_a_flight(
-    period: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With 32 periods, which are 3.2 s at 0.1 s, no flight arrived: it was not imitated, and LQR beat the agent."""
-    given = config()
-    begun = trainer(tmp_path, replace(given, timing=replace(given.timing, control_period=period)))
-
-    def flown(*arguments: Any) -> None:
-        raise _Flown(arguments[-1])
-
-    monkeypatch.setattr(any_craft, "_flown", flown)
-    with pytest.raises(_Flown) as stopped:
-        begun.train(lambda _: None)
-    # The agent for any craft takes 6.2 s in the median (packages/any_craft/docs/any_craft.md).
-    assert 6.2 <= stopped.value.args[0] * period < 7.0
-
-
 def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
     begun = trainer(tmp_path, config())
     architecture = begun.learner.network.architecture

@@ -21,7 +21,6 @@ from rans.fast.learn.config import (
     to_table,
 )
 from rans.model.timing import Timing
-from rans.pretrained import pretrained_folder
 from rans.tasks import TASKS, GoToPose
 from tests.support.training import CONFIG
 
@@ -53,25 +52,6 @@ def test_whole_numbers_of_other_types(kind: type) -> None:
     table = to_table(replace(CONFIG, **{name: kind(x) for name, x in numbers.items()}))
     table["ppo"]["n_envs"] = kind(64)
     assert json.dumps(to_table(from_table(table))) == json.dumps(to_table(expected))
-
-
-@pytest.mark.parametrize(
-    ("name", "history", "response"),
-    [
-        ("go-to-pose-2d-thrifty", 0, ()),
-        ("go-to-pose-2d-faults", 8, ()),
-        ("go-to-pose-3d-robust", 2, (0.0, 3.0)),
-    ],
-)
-def test_a_config_with_a_kind_of_memory(
-    name: str, history: int, response: tuple[float, ...]
-) -> None:
-    """As shipped agents have them, of version 0.2."""
-    table = json.loads((pretrained_folder(name) / "config.json").read_text("utf-8"))
-    assert "kind" in table["ppo"]["memory"]
-    found = from_table(table).ppo
-    assert (found.memory.history, found.filters.response) == (history, response)
-    assert found.memory.averages == tuple(table["ppo"]["memory"]["averages"])
 
 
 def test_missing_entries() -> None:

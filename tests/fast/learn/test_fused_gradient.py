@@ -17,6 +17,17 @@ from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.training import collected, tiny_learner
 
+GPU = pytest.param(
+    "cuda",
+    marks=[
+        pytest.mark.gpu,
+        pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
+        pytest.mark.filterwarnings(
+            "ignore:.*torch.jit.script_method:DeprecationWarning"
+        ),  # torch's own
+    ],
+)
+
 
 class Rounded(torch.autograd.Function):
     """A number, or its gradient, as bfloat16 has it."""
@@ -66,6 +77,7 @@ def agree(kernel: MatrixGradient, learner: PPOLearner, batch: Batch, share: floa
         assert (found - gradient).norm() <= share * gradient.norm(), name
 
 
+@pytest.mark.parametrize("device", ["cpu", GPU])
 @pytest.mark.parametrize("own_critic", [False, True])
 @pytest.mark.parametrize(
     ("craft", "settings"),
@@ -75,9 +87,15 @@ def agree(kernel: MatrixGradient, learner: PPOLearner, batch: Batch, share: floa
     ],
     ids=["plane", "space, elu, idle units and a second look"],
 )
-def test_products_find_what_autograd_finds(craft: Any, settings: Any, own_critic: bool) -> None:
+def test_products_find_what_autograd_finds(
+    craft: Any, settings: Any, own_critic: bool, device: str
+) -> None:
     history = {"memory": MemorySettings(2, (0.5,))}
-    learner, batch = collected(craft, **settings, **history, privileged_critic=own_critic)
+    given = settings | history | {"privileged_critic": own_critic, "matmul": "bf16"}
+    learner, batch = collected(craft, device, **given)
+    if device == "cuda":  # where a training chooses it
+        del learner.backend
+        assert isinstance(learner.backend, MatrixGradient)
     agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, 0.03)
 
 

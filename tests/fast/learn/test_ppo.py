@@ -143,28 +143,6 @@ def test_training_leaves_torchs_own_random_numbers_alone() -> None:
     assert torch.equal(torch.rand(3), expected)
 
 
-def test_what_an_iteration_says() -> None:
-    learner = tiny_learner()
-    for _ in range(3):
-        learner.collect()
-    told = statistics(learner.update().tolist(), learner, 128)
-    rollout = learner.rollout
-    # Some episodes failed in this rollout, some ran out of time, and not all of those near their goal.
-    assert (
-        0
-        < float(rollout.succeeded)
-        < float(rollout.all.truncated.sum())
-        < float(rollout.all.ended.sum())
-    )
-    for name in ("train/approx_kl", "train/clip_fraction", "train/grad_norm"):
-        assert abs(told[name]) < float("inf"), name
-    ended = float(rollout.all.ended.sum())
-    assert told["rollout/success_rate"] == pytest.approx(float(rollout.succeeded) / ended)
-    assert told["rollout/failure_rate"] == pytest.approx(
-        1 - float(rollout.all.truncated.sum()) / ended
-    )
-
-
 def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
     learner = tiny_learner()
     learner.backend = None  # autograd's hooks see gradients

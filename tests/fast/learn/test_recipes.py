@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.robustness import SINGLE
 from rans.fast.learn.config import (
     RECIPES,
     MemorySettings,
@@ -20,7 +19,6 @@ from rans.fast.learn.config import (
 from rans.fast.learn.curriculum import Ramp
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
-from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import TASKS, GoToPose
 
@@ -34,26 +32,6 @@ def test_a_recipe_trains_what_its_name_says(name: str) -> None:
     assert config.solved_share is None
     assert config.ppo.schedule.anneal > 0
     assert from_table(to_table(config)) == config
-
-
-@pytest.mark.parametrize("name", [name for name in RECIPES if name.endswith("-robust")])
-def test_robust_agents_meet_the_laboratory_and_every_single_disturbance(name: str) -> None:
-    config = recipe(name, "cuda")
-    conditions = config.conditions
-    assert replace(conditions, others=(), weight=1.0) == load_conditions("lab")
-    assert set(SINGLE.values()) <= {replace(other, weight=1.0) for other in conditions.others}
-    assert Conditions() in conditions.others
-    lab_missed = load_conditions("lab-dropouts")
-    laboratory = [
-        conditions.weight,
-        *(other.weight for other in conditions.others if replace(other, weight=1.0) == lab_missed),
-    ]
-    share = sum(laboratory) / (conditions.weight + sum(other.weight for other in conditions.others))
-    assert (
-        0.33 < share < 0.41
-    )  # poses give some of it to what they learn last: valves that stay open, noise
-    assert config.ppo.memory.remembers
-    assert config.curriculum[-1].begin + config.curriculum[-1].duration < config.total_timesteps
 
 
 _EXAMPLES = Path(__file__).parents[3] / "examples"

@@ -82,15 +82,6 @@ def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> 
     assert [row["steps"] for row in trainer.run.metrics()] == [512, 1024, 1536, 2048]
 
 
-def test_a_checkpoint_of_an_early_version_is_not_opened(tmp_path: Path) -> None:
-    """It was a pickle; the sentence says how to go on."""
-    trainer = tiny_trainer(tmp_path / "run")
-    trainer.train(ignore, after(1))
-    trainer.run.checkpoint_file.rename(tmp_path / "run" / "checkpoint.pt")
-    with pytest.raises(ConfigError, match=r"early version of RANS .* train it anew from"):
-        resumed(tmp_path / "run")
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "kind",

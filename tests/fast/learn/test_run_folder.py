@@ -85,21 +85,6 @@ def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
     RunFolder(tmp_path / "killed").begin(CONFIG, "rans train")
 
 
-def test_rows_come_back(run: RunFolder) -> None:
-    assert run.metrics() == []
-    rows: list[dict[str, Any]] = [{"steps": n, "seconds": 0.1, "success": 1 / n} for n in (1, 2, 3)]
-    for row in rows:
-        run.append_metrics(row)
-    assert run.metrics() == rows
-    with run.metrics_file.open("a") as file:
-        file.write('{"steps": 4, "succ')
-    assert run.metrics() == rows
-    run.forget_after(2)
-    assert run.metrics() == rows[:2]
-    run.append_metrics(rows[2])
-    assert run.metrics() == rows
-
-
 def test_a_checkpoint_is_whole_or_the_one_before(
     run: RunFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,7 +22,6 @@ from rans.fast.learn.config import (
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.stepping.compiled import ArrayStep
-from rans.files import LOCK
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
 from rans.tasks import GoToPose
@@ -242,38 +240,6 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
     dump = unpack_tensors((tmp_path / "run" / "nonfinite.safetensors").read_bytes(), "dump")
     assert dump["steps"] == 384
     assert trainer.run.checkpoint_file.read_bytes() == before
-
-
-@pytest.mark.parametrize("failing", ["checkpoint.safetensors", "metrics.jsonl"])
-def test_a_full_disk(tmp_path: Path, failing: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One sentence, and what was written before is still there to continue from."""
-    trainer = tiny_trainer(tmp_path / "run")
-    trainer.train(ignore, after(2))
-    before = {file.name: file.read_bytes() for file in tmp_path.joinpath("run").glob("*.*")}
-    real_replace = os.replace
-    real_open = os.open
-
-    def replace_(source: Any, target: Any) -> None:
-        if Path(target).name == failing:
-            raise OSError(28, "No space left on device")
-        real_replace(source, target)
-
-    def open_(path: Any, flags: int, *rest: Any, **named: Any) -> int:
-        if Path(path).name == failing and flags & os.O_APPEND:
-            raise OSError(28, "No space left on device")
-        return real_open(path, flags, *rest, **named)
-
-    with monkeypatch.context() as patch:
-        patch.setattr(os, "replace", replace_)
-        patch.setattr(os, "open", open_)
-        with pytest.raises(ConfigError, match=rf"cannot write .*{failing}: the disk is full"):
-            trainer.train(ignore)
-    assert tmp_path.joinpath("run", failing).read_bytes() == before[failing]
-    hidden = [file.name for file in tmp_path.joinpath("run").glob(".*")]
-    assert hidden == [LOCK], "no half-written file is left over"
-    again = resumed(tmp_path / "run")
-    again.train(ignore)
-    assert again.steps == 2048
 
 
 def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
