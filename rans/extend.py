@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
+    from rans.compile.flight_program import FlightProgram as FlightProgram
+    from rans.compile.machine_code import MachineCode as MachineCode
+    from rans.compile.step_program import StepProgram as StepProgram
     from rans.deploy.c.files import write_c as write_c
     from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.contract import contract as contract
@@ -69,9 +72,11 @@ if TYPE_CHECKING:
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
     from rans.fast.learn.rollout import Acted as Acted
+    from rans.fast.learn.rollout import Batch as Batch
     from rans.fast.learn.rollout import Rollout as Rollout
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
+    from rans.fast.stepping.step import Step as Step
     from rans.files import environment as environment
     from rans.files import first_line as first_line
     from rans.files import inside as inside
@@ -128,9 +133,16 @@ if TYPE_CHECKING:
     from rans.model.spacecraft_file import to_toml as to_toml
     from rans.model.timing import MOST_STEPS as MOST_STEPS
     from rans.model.timing import Timing as Timing
+    from rans.model.trace import Symbol as Symbol
+    from rans.model.trace import ordered as ordered
     from rans.optimal.control.arguments import craft_and_task as craft_and_task
     from rans.optimal.control.regulator import ModelBased as ModelBased
+    from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
+    from rans.policy.architecture import Architecture as Architecture
+    from rans.policy.capabilities import Capabilities as Capabilities
     from rans.policy.network import Network as Network
+    from rans.policy.preprocess import ColumnExecutor as ColumnExecutor
+    from rans.policy.preprocess import TorchPreprocessor as TorchPreprocessor
     from rans.policy.program import Program as Program
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress

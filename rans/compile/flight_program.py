@@ -1,6 +1,6 @@
 """Whole episodes of one policy as a program: initial state, policy and one control period, as symbols.
 
-Executors print it: CUDA kernels (`rans.compile.cuda.flight_source`) and machine code (`rans.compile.cpu.flights`).
+Executors print it: CUDA kernels (`rans.compile.cuda.flight_source`) and machine code (`rans.compile.machine_code`).
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """PPO's losses of one transition with on/off thrusters, and their derivatives by the network's outputs.
 
 They are operations on fields. Torch computes them of tensors (`rans.fast.learn.fused_gradient.MatrixGradient`).
-Machine code of a CPU (`rans.fast.learn.cpu_gradient`) is printed from them. Losses are those of
+Machine code of a CPU (`rans.compile.machine_code`) is printed from them. Losses are those of
 `rans.fast.learn.ppo.losses`, whose derivatives are torch's.
 """
 

@@ -6,21 +6,19 @@ CPU machine code runs them over NumPy arrays.
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.resources import files
 from itertools import islice
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-import numpy as np
 import torch
 from torch import Tensor
 
 from rans.compile.cuda.launch import CudaError, Function
 from rans.compile.cuda.opaque import opaque
 from rans.compile.cuda.source import Lines, indented
-from rans.errors import is_installed
+from rans.compile.machine_code import machine_code
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
@@ -28,14 +26,8 @@ from rans.policy.scalars import symbols
 from rans.policy.symmetry import Symmetries
 from rans.policy.traced import policy_program
 
-if TYPE_CHECKING:
-    from rans.compile.cpu.actor_critic import CpuActorCritic
-    from rans.compile.cpu.program import CompiledProgram, ProgramMemory
-
 _THREADS = 128
 """Threads of a CUDA block: four warps, few enough that small batches still fill several multiprocessors."""
-_MOST_CPU_ROWS = 4096
-"""Rows that the CPU programs take; more, as a whole rollout's, are left to torch, which uses several cores."""
 _REAL_TYPES = {torch.float32: "float", torch.float64: "double"}
 """Type in CUDA C++ of a tensor's numbers."""
 
@@ -52,17 +44,14 @@ def compiled_preprocessor(
 ) -> ColumnExecutor:
     """Fastest preprocessor for a network whose tensors have the device and dtype of ``like``.
 
-    On a CPU without llvmlite, and there in double precision, which only serves comparisons, it is torch's. Its
+    On a CPU without machine code, and there in double precision, which only serves comparisons, it is torch's. Its
     columns are (N, width); all executors see the same numbers to rounding.
     """
     plain = TorchPreprocessor(architecture, views)
     if like.is_cuda:
         return CudaPreprocessor(architecture, plain, like.device, like.dtype)
-    return (
-        CpuPreprocessor(architecture, plain)
-        if like.is_cpu and like.dtype == torch.float32 and is_installed("llvmlite")
-        else plain
-    )
+    code = machine_code() if like.is_cpu and like.dtype == torch.float32 else None
+    return code.preprocessor(architecture, plain) if code else plain
 
 
 def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
@@ -112,114 +101,6 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
         if architecture.filtering
         else programs
     )
-
-
-class CpuPreprocessor(ColumnExecutor):
-    """Preprocessor on a CPU: machine code over NumPy arrays, in single precision; not thread-safe.
-
-    Args:
-        architecture: of the network.
-        plain: preprocessor for gradients, for large batches, and for what cannot be compiled.
-    """
-
-    def __init__(self, architecture: Architecture, plain: TorchPreprocessor) -> None:
-        self._architecture = architecture
-        self._plain = plain
-        self._actor_critic: tuple[Tensor, CpuActorCritic | None] | None = None
-        """Whole network compiled with the weights of a tensor, and that tensor."""
-
-    def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[Architecture, TorchPreprocessor]]:
-        """Pickling leaves out compiled code and scratch memory, which a copy makes anew."""
-        return CpuPreprocessor, (self._architecture, self._plain)
-
-    def in_body(self, observation: Tensor) -> Tensor:
-        """See `ColumnExecutor`."""
-        return (
-            self._rows(_IN_BODY, observation)[0]
-            if self._can_run(observation)
-            else self._plain.in_body(observation)
-        )
-
-    def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `ColumnExecutor`."""
-        return self._rows(_VIEWED, rows) if self._can_run(rows) else self._plain.viewed(rows)
-
-    def next_filter_memory(self, rows: Tensor) -> Tensor:
-        """See `ColumnExecutor`."""
-        return (
-            self._rows(_NEXT_FILTER_MEMORY, rows)[0]
-            if self._can_run(rows)
-            else self._plain.next_filter_memory(rows)
-        )
-
-    def whole(
-        self, observation: Tensor, tensors: Mapping[str, Tensor]
-    ) -> tuple[Tensor, Tensor] | None:
-        """Log-odds (N, thrusters) and values (N,), or None; see `ColumnExecutor`. Compiled once a network."""
-        weight = tensors["value_net.weight"]
-        if torch.is_grad_enabled() or not _is_plain_forward(observation):
-            return None
-        # Weights are compiled in: new tensors need new code.
-        if self._actor_critic is None or self._actor_critic[0] is not weight:
-            self._actor_critic = weight, self._compiled_actor_critic(tensors)
-        run = self._actor_critic[1]
-        return None if run is None else run(observation)
-
-    def _compiled_actor_critic(self, tensors: Mapping[str, Tensor]) -> CpuActorCritic | None:
-        """The whole network as machine code with these tensors; None if it has parts that this lacks.
-
-        Asked for every new tensor of weights; networks of one shape share their machine code.
-        """
-        from rans.compile.cpu.actor_critic import CpuActorCritic  # LLVM, which a GPU does not need
-
-        architecture = self._architecture
-        with contextlib.suppress(*UNTRACEABLE):
-            if not CpuActorCritic.capabilities.missing(architecture):
-                return CpuActorCritic(architecture, tensors)
-        return None
-
-    def _can_run(self, rows: Tensor) -> bool:
-        return (
-            _is_plain_forward(rows) and len(rows) <= _MOST_CPU_ROWS and self._programs is not None
-        )
-
-    @cached_property
-    def _programs(self) -> list[CompiledProgram] | None:
-        """Compiled programs of the preprocessing; None if it cannot be traced.
-
-        The last output of each is a whole number, the side; `tests/compile/test_preprocess.py` asks for torch's
-        numbers.
-        """
-        from rans.compile.cpu.program import CompiledProgram  # LLVM, which a GPU does not need
-
-        compiled = []
-        with contextlib.suppress(*UNTRACEABLE):
-            for program, width in row_programs(self._architecture):
-                columns = [Symbol.input(f"column_{i}") for i in range(width)]
-                outputs, side = program(columns)
-                compiled.append(CompiledProgram(columns, [*outputs, side]))
-            return compiled
-        return None
-
-    @cached_property
-    def _memory(self) -> dict[tuple[int, int], ProgramMemory]:
-        """Scratch memory by the index of a program and the number of rows."""
-        return {}
-
-    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width).
-
-        Memory is made once for each length of the rows; the results are copies.
-        """
-        assert self._programs is not None
-        if (memory := self._memory.get((number, len(rows)))) is None:
-            self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
-        memory.give(rows.numpy().T)
-        *outputs, side = memory.run(0)
-        sides = torch.from_numpy(np.broadcast_to(side, len(rows)).astype(np.int64))
-        # An output may be a number, the same for all rows.
-        columns = np.stack([np.broadcast_to(output, len(rows)) for output in outputs])
-        return torch.from_numpy(columns).T, sides
 
 
 class CudaPreprocessor(ColumnExecutor):
@@ -354,8 +235,3 @@ def source(program: RowProgram, width: int, real: str) -> str:
             "}\n",
         )
     )
-
-
-def _is_plain_forward(rows: Tensor) -> bool:
-    """Whether rows need neither gradients nor torch's compiler, which has no machine code."""
-    return not (torch.compiler.is_compiling() or rows.requires_grad)

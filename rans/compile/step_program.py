@@ -95,6 +95,8 @@ class StepProgram:
     at_end: tuple[BufferWrite, ...]
     """Further writes where an episode ended."""
     shape: StepShape
+    commands: tuple[Symbol, ...]
+    """Inputs that an action is written into."""
 
     def going(self) -> list[BufferWrite]:
         """Writes where no episode ends, simplified for that case."""
@@ -166,6 +168,7 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
         tuple(always),
         tuple(at_end),
         StepShape(len(stepped.observation), len(outcome.terms)),
+        command,
     )
 
 

@@ -5,16 +5,16 @@ from __future__ import annotations
 import os
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 
 from rans.compile.cuda.flight import FlightKernel, Products
 from rans.compile.flight_program import trace_flight
+from rans.compile.machine_code import WholeFlights, machine_code
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
-from rans.errors import ConfigError, brief, is_installed
+from rans.errors import ConfigError, brief
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
 from rans.flight_statistics import FlightStatistics
@@ -26,9 +26,6 @@ from rans.policy.traced import parameters
 from rans.processes import Workers, processors
 from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator
-
-if TYPE_CHECKING:
-    from rans.compile.cpu.flights import CpuFlights
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Number of flights stepped together, which fits the caches of a processor or fills a GPU."""
@@ -82,7 +79,7 @@ class Flights:
         )
         self._whole = self._made(products) if generated and not plain else None
 
-    def _made(self, products: Products) -> FlightKernel | CpuFlights | None:
+    def _made(self, products: Products) -> FlightKernel | WholeFlights | None:
         """Generated program of whole flights; None if there is none, with a warning on a GPU.
 
         Its flights equal those of `_stepped` to rounding, so that a flight near a bound may count otherwise in one
@@ -92,18 +89,13 @@ class Flights:
             return None
         if self.device.type == "cuda":
             return FlightKernel.made(self.world, self._network, self.device, products)
-        if not is_installed("llvmlite"):
-            return None
-        from rans.compile.cpu.flights import CpuFlights
-        from rans.compile.cpu.layers import CpuLayers
-
+        code = machine_code()
         architecture = self._network.architecture
+        if code is None or code.lacking(architecture):
+            return None
         try:
-            lacking = CpuLayers.lacking(architecture)
             tables = parameters(self._network)
-            program = None if lacking else trace_flight(self.world, architecture, tables)
-            with one_thread():
-                return None if program is None else CpuFlights(self.world, program, tables)
+            return code.flights(self.world, trace_flight(self.world, architecture, tables), tables)
         except UNTRACEABLE:  # the task uses more than arithmetic on fields
             return None
 

@@ -305,28 +305,3 @@ CUDA = Dialect(
     ints={sign: f"int(unsigned({{0}}) {sign} unsigned({{1}}))" for sign in "+-*"},
 )
 """CUDA C++ with the functions of `rans/compile/cuda/functions.cuh`."""
-
-LLVM = Dialect(
-    "LLVM",
-    texts={
-        **{"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "neg": "fneg", "where": "select"},
-        **{"abs": "real_function fabs", "sqrt": "real_function sqrt"},
-        **{"floor": "real_function floor"},
-        **{sign: f"fcmp_ordered {sign}" for sign in ("<", "<=", ">", ">=", "==")},
-        "!=": "fcmp_unordered !=",
-        **{"maximum": "larger", "minimum": "smaller"},
-        **{"tanh": "tanh", "exp": "exp", "log1p": "log_one_plus"},
-    },
-    ints={
-        **{"+": "add", "-": "sub", "*": "mul", "neg": "neg", ">>": "ashr", "real": "to_real"},
-        **{"&": "and_", "|": "or_", "^": "xor"},
-        **{sign: f"icmp_signed {sign}" for sign in ("<", "<=", ">", ">=", "==", "!=")},
-        **dict.fromkeys(("abs", "maximum", "minimum"), ""),
-    },
-    bools={
-        **{"&": "and_", "|": "or_", "^": "xor"},
-        **{sign: f"icmp_signed {sign}" for sign in ("==", "!=")},
-    },
-)
-"""Methods of `rans.compile.cpu.llvm.Code`, each with its first argument, which write an operation on vectors of
-float32, of whole numbers and of truth values."""

@@ -12,7 +12,8 @@ from typing import Any, cast
 import pytest
 import torch
 
-from rans.compile.preprocess import CpuPreprocessor, CudaPreprocessor
+from rans.compile.machine_code import machine_code
+from rans.compile.preprocess import CudaPreprocessor
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import FilterSettings, PPOSettings
@@ -77,8 +78,11 @@ def test_programs_see_and_filter_as_torch_does(
     given = architecture_of(engine, settings)
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
     ours, theirs = (Network(given, tensors) for _ in range(2))
-    kind = CpuPreprocessor if dtype == torch.float32 else HostLook
-    ours._preprocessor = programs = kind(given, cast("Any", theirs._preprocessor))
+    code = machine_code()
+    assert code
+    kind = code.preprocessor if dtype == torch.float32 else HostLook
+    programs: Any = kind(given, cast("Any", theirs._preprocessor))
+    ours._preprocessor = programs
     assert ours.in_body(engine.observe().requires_grad_()).requires_grad
     if filters is None:
         programs._plain = cast("Any", None)  # nobody else looks from here on

@@ -7,7 +7,7 @@ import ctypes
 import json
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -15,49 +15,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.compile.cpu.llvm import LANES, MachineModule
-from rans.compile.cpu.program_code import write_function
 from rans.deploy.c.compiler import FLAGS
 from rans.model import operations
-from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, Kind, is_truth, of_row
-from rans.model.trace import Symbol
-
-Key = tuple[str, Kind]
-Run = Callable[[Dialect, Mapping[Key, list[np.ndarray]], Path], dict[Key, Any]]
-"""Runs the operations of a dialect on columns of operands."""
-COUNT = 4 * LANES
-DOMAINS = {"log": (0.01, 4.0), "sqrt": (0.0, 4.0), "log1p": (0.0, 1.0)}
-"""Numbers that have a real result; LLVM's logarithm is for numbers from 0 to 1."""
-KEYS: list[Key] = [
-    (name, kind) for name, operation in OPERATIONS.items() for kind in operation.kinds
-]
-
-
-def columns(key: Key, real: type) -> list[np.ndarray]:
-    """Operands of every kind of size: reals with zeros of both signs, all bits of whole numbers, truth values."""
-    name, kind = key
-    arity = OPERATIONS[name].arity
-    random = np.random.default_rng(sum(map(ord, name)))
-    low, high = DOMAINS.get(name, (-4.0, 4.0))
-    result: list[np.ndarray] = []
-    for _ in range(arity):
-        if kind == "bool":
-            result.append(random.random(COUNT) < 0.5)
-        elif kind == "int":
-            wild = random.integers(-(2**31) + 1, 2**31 - 1, COUNT)
-            result.append(np.where(random.random(COUNT) < 0.5, wild, wild % 7 - 3).astype(np.int32))
-        else:
-            x = random.uniform(low, high, COUNT)
-            if low < 0.0:
-                x[:8] = 0.0, -0.0, 0.5, -0.5, 1.5, -2.5, 0.0, -0.0
-            result.append(random.permutation(x).astype(np.float32).astype(real))
-    if name == "where":
-        result[0] = random.random(COUNT) < 0.5
-    if name == ">>":
-        result[1] = random.integers(0, 32, COUNT).astype(np.int32)
-    if name == "clip":
-        result[1:] = np.sort(result[1:], axis=0)
-    return result
+from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, is_truth, of_row
+from tests.support.operations import COUNT, Key, Run, check, columns, result_kind
 
 
 def of_c(dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path) -> dict[Key, Any]:
@@ -171,68 +132,18 @@ def of_python(
     return found
 
 
-def of_llvm(
-    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
-) -> dict[Key, Any]:
-    """By machine code, in the memory that a program has: a row of 32 bits a number, bytes for truth values."""
-    program = MachineModule()
-    memories = {}
-    for number, (key, arrays) in enumerate(given.items()):
-        inputs = [Symbol.input(f"operand_{k}", KINDS[str(x.dtype)]) for k, x in enumerate(arrays)]
-        symbol = Symbol.apply(key[0], *inputs)
-        # An operation that commutes may have its operands in another order.
-        rows = {operand: row for row, operand in enumerate(inputs)} | {symbol: len(inputs)}
-        memory = np.zeros((len(rows), COUNT), np.int32)
-        for row, x in zip(memory, arrays, strict=False):
-            row.view(x.dtype)[:COUNT] = x
-        write_function(program, f"f{number}", [symbol], rows, {symbol})
-        memories[key] = memory, {"real": np.float32, "int": np.int32, "bool": np.bool_}[symbol.kind]
-    found = {}
-    for number, (key, (memory, dtype)) in enumerate(memories.items()):
-        program.compiled(f"f{number}")(memory.ctypes.data, COUNT, COUNT // LANES)
-        found[key] = memory[-1].view(dtype)[:COUNT]
-    return found
-
-
-KINDS: dict[str, Kind] = {"float32": "real", "int32": "int", "bool": "bool"}
 LANGUAGES: dict[str, tuple[Dialect, Run, type]] = {
     "C": (operations.C, of_c, np.float32),
     "CUDA": (operations.CUDA, of_cuda, np.float32),
     "JavaScript": (operations.JAVASCRIPT, of_javascript, np.float64),
-    "LLVM": (operations.LLVM, of_llvm, np.float32),
     "NumPy": (operations.NUMPY, of_numpy, np.float64),
     "Python": (operations.PYTHON, of_python, np.float64),
 }
 
 
-def result_kind(key: Key) -> Kind:
-    name, kind = key
-    return OPERATIONS[name].result or kind
-
-
-def check(language: str, folder: Path, keys: Sequence[Key]) -> None:
-    """Those operations that a language has, against NumPy's function of each."""
-    dialect, run, real = LANGUAGES[language]
-    given = {key: columns(key, real) for key in keys if key in dialect}
-    with np.errstate(all="ignore"):
-        found = run(dialect, given, folder)
-        for key, arrays in given.items():
-            operation = OPERATIONS[key[0]]
-            expected = np.asarray(operation.meaning(*arrays))
-            if result_kind(key) == "real":
-                expected = expected.astype(real)
-            ours = np.asarray(found[key], dtype=expected.dtype)
-            # Exact operations have one result in a precision. Functions have a few units in its last place, and
-            # those of CUDA, which are for speed, a few more.
-            tolerance = 0.0 if operation.is_exact else (2e-6 if real is np.float32 else 1e-14)
-            np.testing.assert_allclose(
-                ours, expected, rtol=tolerance, atol=tolerance, err_msg=f"{key} in {language}"
-            )
-
-
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_an_operation_is_the_same_in_every_language(language: str, tmp_path: Path) -> None:
-    check(language, tmp_path, KEYS)
+    check(language, *LANGUAGES[language], tmp_path)
 
 
 def test_rows_mean_what_onnx_says() -> None:
@@ -278,6 +189,7 @@ def test_exports_have_every_operation_of_rows() -> None:
 OWN_TABLES = {
     "rans/model/operations.py",
     "rans/model/trace.py",  # Python's methods of operators
+    "packages/machine_code/rans_machine_code/dialect.py",
     "rans/policy/scalars.py",  # functions of fields of any library, with gradients
 }
 ROOT = Path(__file__).parents[2]

@@ -14,7 +14,7 @@ from torch.nn import functional
 
 from rans.compile.cuda.design import padded, up
 from rans.compile.loss_gradient import d_logit, opening_term, transition_losses
-from rans.errors import is_installed
+from rans.compile.machine_code import machine_code
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.graph import fused
@@ -312,13 +312,8 @@ def gradient_backend(
     row = adam.row
     arguments = (network, adam, settings)
     if row.device.type == "cpu":
-        if not is_installed("llvmlite"):
-            return None
-        from rans.fast.learn.cpu_gradient import (
-            CpuGradient,  # LLVM, which a GPU does not need
-        )
-
-        return CpuGradient(*arguments) if CpuGradient.fits(network, samples) else None
+        code = machine_code()
+        return code.gradient(*arguments, samples) if code else None
     is_rounded = network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32
     return MatrixGradient(*arguments) if is_rounded and MatrixGradient.fits(network) else None
 

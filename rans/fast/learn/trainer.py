@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 
+from rans.compile.machine_code import machine_code
 from rans.episode import Guard
 from rans.errors import (
     ConfigError,
@@ -22,7 +23,6 @@ from rans.errors import (
     RansWarning,
     WorkerLost,
     installing,
-    is_installed,
 )
 from rans.fast.agent_files.agent import agent_bytes
 from rans.fast.agent_files.tensors import pack_tensors
@@ -89,7 +89,7 @@ class Trainer:
         check_device(config.device)
         _check_guard(config, guard)
         torch.set_num_threads(config.threads)
-        if config.device == "cpu" and not is_installed("llvmlite"):
+        if config.device == "cpu" and machine_code() is None:
             warnings.warn(
                 "training on a processor is several times slower without the package llvmlite: "
                 f"{installing('fast')}",

@@ -11,7 +11,14 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.cpu.llvm import (
+from rans.extend import Architecture, Capabilities, Symbol, ordered
+from rans.model.operations import Untraceable
+from rans.policy.architecture import EXTRACTOR
+from rans.policy.program import inputs
+from rans.policy.scalars import symbols
+from rans.policy.traced import policy_program
+from rans_machine_code.dialect import LLVM
+from rans_machine_code.llvm import (
     FLOAT,
     LANES,
     LONG,
@@ -21,14 +28,7 @@ from rans.compile.cpu.llvm import (
     Value,
     shared,
 )
-from rans.compile.cpu.matmul import WIDTH, dense_layer
-from rans.model.operations import LLVM
-from rans.model.trace import Symbol, Untraceable, ordered
-from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.capabilities import Capabilities
-from rans.policy.program import inputs
-from rans.policy.scalars import symbols
-from rans.policy.traced import policy_program
+from rans_machine_code.matmul import WIDTH, dense_layer
 
 
 class CpuActorCritic:
@@ -98,7 +98,7 @@ class CpuActorCritic:
         """Log-odds (N, thrusters) and values (N,) of observations (N, width).
 
         Statistics and heads are copied in every call; numbers are torch's to rounding
-        (`tests/compile/cpu/test_actor_critic.py`).
+        (`tests/test_actor_critic.py`).
         """
         columns = observation.to(torch.float32).numpy().T
         count = len(observation)

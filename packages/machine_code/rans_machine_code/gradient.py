@@ -2,7 +2,7 @@
 
 One function is printed for each network. It goes through a minibatch in tiles, whose activations fit a core's
 cache: forward pass, losses and backward pass of a tile before the next. Gradients overwrite activations.
-`tests/fast/learn/test_cpu_gradient.py` asks for autograd's gradients; equal trainings need a fixed order of sums.
+`tests/test_gradient.py` asks for autograd's gradients; equal trainings need a fixed order of sums.
 """
 
 from __future__ import annotations
@@ -15,8 +15,26 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.cpu.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, shared
-from rans.compile.cpu.matmul import (
+from rans.compile.loss_gradient import (
+    STATISTICS,
+    Choice,
+    d_logit,
+    opening_term,
+    transition_losses,
+)
+from rans.extend import (
+    ACTIVATIONS,
+    Adam,
+    Batch,
+    Capabilities,
+    Network,
+    PPOSettings,
+    Symbol,
+    leaves,
+)
+from rans.policy.activations import WITH_SLOPE
+from rans_machine_code.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, shared
+from rans_machine_code.matmul import (
     WIDTH,
     add_vector_sum,
     dense_layer,
@@ -25,21 +43,6 @@ from rans.compile.cpu.matmul import (
     row_correlations,
     row_sums,
 )
-from rans.compile.loss_gradient import (
-    STATISTICS,
-    Choice,
-    d_logit,
-    opening_term,
-    transition_losses,
-)
-from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.rollout import Batch
-from rans.model.fields import leaves
-from rans.model.trace import Symbol
-from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
-from rans.policy.capabilities import Capabilities
-from rans.policy.network import Network
 
 _TILE = 512
 """Largest number of samples in a tile, whose activations fit the cache of a core."""
@@ -104,13 +107,26 @@ class _Layer(NamedTuple):
     """Output of the layer, (units, tile); later its gradient."""
 
 
+def gradient(
+    network: Network, adam: Adam, settings: PPOSettings, samples: int
+) -> CpuGradient | None:
+    """Gradients of minibatches of ``samples`` transitions; None for networks that it does not support.
+
+    Thrusters must be on/off, and actor and critic share float32 layers.
+    """
+    tensor = next(iter(network.tensors.values()))
+    supported = tensor.dtype == torch.float32 and samples % WIDTH == 0
+    supported = supported and not _SUPPORTED.missing(network.architecture)
+    return CpuGradient(network, adam, settings) if supported else None
+
+
 class CpuGradient:
     """Gradients of minibatches on a CPU, written into its `Adam.gradient`.
 
     `rans.fast.learn.fused_gradient` is its counterpart on a GPU.
 
     Args:
-        network: network for which `fits` is true.
+        network: see `gradient`.
         adam: optimizer, whose `row` and `gradient` keep their addresses.
         settings: coefficients of the losses.
     """
@@ -160,21 +176,6 @@ class CpuGradient:
             *(offset for pair in self._offsets for offset in pair),
         )
         self._run = shared("update", depends_on, (POINTER,) * 11 + (LONG, LONG), self._write)
-
-    @staticmethod
-    def fits(network: Network, samples: int) -> bool:
-        """Whether the network and minibatches of ``samples`` transitions are supported.
-
-        Thrusters must be on/off, and actor and critic share float32 layers.
-        """
-        architecture = network.architecture
-        tensor = next(iter(network.tensors.values()))
-        return (
-            tensor.device.type == "cpu"
-            and tensor.dtype == torch.float32
-            and samples % WIDTH == 0
-            and not _SUPPORTED.missing(architecture)
-        )
 
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_machine_code.program import CompiledProgram, ProgramMemory
 
-from rans.compile.cpu.program import CompiledProgram, ProgramMemory
 from rans.model.fields import absolute, atan2, cos, exp, floor, log, sin, sqrt, where
 from rans.model.trace import Symbol
 
@@ -94,7 +94,7 @@ def test_machine_code_finds_numpys_numbers_bit_by_bit(monkeypatch: pytest.Monkey
         memory.put(late, 3.0)
 
     def found(memory: ProgramMemory, often: int) -> list[np.ndarray]:
-        monkeypatch.setattr("rans.compile.cpu.program._OFTEN", often)
+        monkeypatch.setattr("rans_machine_code.program._OFTEN", often)
         with np.errstate(all="ignore"):
             return [value.copy() for part in (0, 1) for value in memory.run(part)]
 

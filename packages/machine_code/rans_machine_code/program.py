@@ -1,7 +1,7 @@
 """A traced program run by NumPy: every operation once, in memory that stays in a processor's caches.
 
-One that is run often becomes machine code, but for what only NumPy computes (`rans.compile.cpu.program_code`).
-Engines on a CPU rest on it: `tests/compile/cpu/test_program.py` asks for NumPy's bits.
+One that is run often becomes machine code, but for what only NumPy computes (`rans_machine_code.program_code`).
+Engines on a CPU rest on it: `tests/test_program.py` asks for NumPy's bits.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
-from rans.compile.cpu.program_code import (
+from rans.extend import Symbol, ordered
+from rans.model.operations import OPERATIONS
+from rans_machine_code.program_code import (
     LANES,
     MachineModule,
     in_phases,
     is_arithmetic,
     write_function,
 )
-from rans.model.operations import OPERATIONS
-from rans.model.trace import Symbol, ordered
 
 _FUNCTIONS: dict[str, Callable[..., Any]] = {
     **{name: operation.meaning for name, operation in OPERATIONS.items()},

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from rans.compile.cpu.llvm import FLOAT, LANES, LONG, ROWS, TILE, Code, Value, constant
+from rans_machine_code.llvm import FLOAT, LANES, LONG, ROWS, TILE, Code, Value, constant
 
 WIDTH = LANES * TILE
 """Columns that are computed together."""

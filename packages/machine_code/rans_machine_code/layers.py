@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from rans.compile.cpu.llvm import FLOAT, LONG, POINTER, Code, MachineModule, Value
-from rans.compile.cpu.matmul import WIDTH, dense_layer
+from rans.extend import Architecture, Capabilities
 from rans.policy.allocated import choice
-from rans.policy.architecture import Architecture
-from rans.policy.capabilities import Capabilities
 from rans.policy.scalars import Stage
+from rans_machine_code.llvm import FLOAT, LONG, POINTER, Code, MachineModule, Value
+from rans_machine_code.matmul import WIDTH, dense_layer
 
 _SUBSETS = 128
 """Ways to open thrusters up to which machine code compares them faster than a product of matrices does."""
+
+
+_SUPPORTED = Capabilities(backbones=("dense", "allocated"))
+
+
+def lacking(architecture: Architecture) -> str:
+    """What these layers lack for flights of a policy, in words; "": nothing."""
+    if missing := _SUPPORTED.missing(architecture):
+        return missing
+    chosen = None
+    if architecture.backbone == "allocated":
+        chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
+    is_large = chosen is not None and len(chosen.offset) > _SUBSETS
+    return f"more than {_SUBSETS} ways to open thrusters" if is_large else ""
 
 
 class LayersMemory(NamedTuple):
@@ -35,23 +48,6 @@ class CpuLayers:
         stage: which they are.
         tables: the policy's parameters (`rans.policy.traced.parameters`).
     """
-
-    capabilities: ClassVar[Capabilities] = Capabilities(backbones=("dense", "allocated"))
-    """Kinds of policies that `rans.compile.cpu.flights` flies with these layers."""
-
-    @classmethod
-    def lacking(cls, architecture: Architecture) -> str:
-        """What these layers lack for flights of a policy, in words; "": nothing.
-
-        `rans.fast.flights` steps the flights in torch instead, which is slower.
-        """
-        if missing := cls.capabilities.missing(architecture):
-            return missing
-        chosen = None
-        if architecture.backbone == "allocated":
-            chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
-        is_large = chosen is not None and len(chosen.offset) > _SUBSETS
-        return f"more than {_SUBSETS} ways to open thrusters" if is_large else ""
 
     def __init__(self, stage: Stage, tables: Mapping[str, np.ndarray]) -> None:
         # Weights are copied here: what an optimizer changes later does not reach them.

@@ -10,7 +10,10 @@ from collections.abc import Iterable, Mapping, Sequence
 
 from llvmlite import ir
 
-from rans.compile.cpu.llvm import (
+from rans.extend import Symbol
+from rans.model.operations import OPERATIONS
+from rans_machine_code.dialect import LLVM
+from rans_machine_code.llvm import (
     BOOLS,
     FLOATS,
     INTS,
@@ -22,8 +25,6 @@ from rans.compile.cpu.llvm import (
     Value,
     constant,
 )
-from rans.model.operations import LLVM, OPERATIONS
-from rans.model.trace import Symbol
 
 _BYTES = ir.VectorType(ir.IntType(8), LANES)
 _KINDS = {"real": FLOATS, "int": INTS, "bool": _BYTES}

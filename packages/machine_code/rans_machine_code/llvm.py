@@ -14,9 +14,8 @@ from typing import Any
 
 from llvmlite import binding, ir
 
-from rans.model.operations import LLVM
-from rans.model.trace import Symbol, ordered
-from rans.policy.activations import ACTIVATIONS
+from rans.extend import ACTIVATIONS, Symbol, ordered
+from rans_machine_code.dialect import LLVM
 
 Value = Any
 """Of LLVM, or a number of Python's: llvmlite has no types."""
@@ -126,7 +125,7 @@ class Code(ir.IRBuilder):
         """The exponential of numbers x below 88; below -87 its value there. Cephes' expf.
 
         Activations made of it agree with NumPy's within 8 units in the last place
-        (`tests/compile/cpu/test_llvm.py`).
+        (`tests/test_llvm.py`).
         """
         x = self.within(x, -87.0, 88.0)
         magic = self.everywhere(_MAGIC)

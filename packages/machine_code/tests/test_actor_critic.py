@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_machine_code.actor_critic import CpuActorCritic
 
-from rans.compile.cpu.actor_critic import CpuActorCritic
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import PPOSettings
@@ -53,7 +53,7 @@ def test_answers_are_torchs(craft: Any, settings: Any) -> None:
 )
 def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     """And only those: each says what torch says of its own weights."""
-    monkeypatch.setattr("rans.compile.cpu.llvm._SHARED", shared := {})
+    monkeypatch.setattr("rans_machine_code.llvm._SHARED", shared := {})
     first = replace(
         architecture_of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))), symmetries=SIDES
     )

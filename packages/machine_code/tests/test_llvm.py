@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
-from rans.compile.cpu.llvm import LANES, LONG, POINTER, MachineModule
+from rans_machine_code.llvm import LANES, LONG, POINTER, MachineModule
 
 X = np.concatenate((np.linspace(-12, 12, 4096), np.geomspace(1e-30, 1e-3, 2048))).astype(np.float32)
 ORACLES = {

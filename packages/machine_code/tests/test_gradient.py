@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 import torch
+from rans_machine_code.gradient import CpuGradient
+from rans_machine_code.matmul import WIDTH
 
-from rans.compile.cpu.matmul import WIDTH
-from rans.fast.learn.cpu_gradient import CpuGradient
 from rans.fast.learn.ppo import losses
 from rans.fast.learn.rollout import minibatches
 from tests.support.training import MACHINE_CODE_CASES, collected, tiny_learner

@@ -9,13 +9,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from rans.compile.cpu.layers import CpuLayers
-from rans.compile.cpu.program import CompiledProgram
-from rans.compile.flight_program import FlightProgram
-from rans.episode import World
-from rans.flight_statistics import FlightStatistics
+from rans.extend import FlightProgram, FlightStatistics, Symbol, World
 from rans.model.random import seed_words
-from rans.model.trace import Symbol
+from rans_machine_code.layers import CpuLayers
+from rans_machine_code.program import CompiledProgram
 
 
 class CpuFlights:
