@@ -173,6 +173,7 @@ if TYPE_CHECKING:
     from rans.show.pages.page import Part as Part
     from rans.show.pages.page import Picture as Picture
     from rans.show.pages.page import Section as Section
+    from rans.show.pages.page import say as say
     from rans.show.progress import watched as watched
     from rans.structure import read_toml as read_toml
     from rans.structure import structure as structure

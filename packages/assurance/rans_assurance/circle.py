@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.extend import (
     MOST_STEPS,
@@ -175,8 +176,12 @@ class Guided(Task):
         return replace(goal, v=type(goal.v)(*command.T), notes=Progress(progress))
 
 
-def guided(run: LoadedRun, planner: LookAhead) -> Setup:
-    """Setup of flights around the circle, as long as all of them need.
+def fly_circle(
+    run: LoadedRun, planner: LookAhead, seed: int, count: int, engine: Any = "fast"
+) -> Flight:
+    """Flights around the circle, of motion computed in float64 by an engine, for the time that all of them need.
+
+    They start at rest with any attitude, up to `START_SPREAD` from the circle's first point.
 
     Raises:
         ConfigError: the run does not track velocities, or not such fast ones.
@@ -202,7 +207,9 @@ def guided(run: LoadedRun, planner: LookAhead) -> Setup:
             f"at {planner.speed:g} m/s the circle takes {steps:,} control "
             f"periods, of which a flight has at most {MOST_STEPS:,}: fly faster."
         )
-    return Setup(run.craft, Guided(task, planner), replace(run.timing, episode_steps=steps))
+    timing = replace(run.timing, episode_steps=steps)
+    setup = Setup(run.craft, Guided(task, planner), timing)
+    return fly_episodes(run.controller, setup, seed, count, engine)
 
 
 def tracked(flight: Flight, planner: LookAhead) -> Metrics:

@@ -262,14 +262,11 @@ def follow(
         ConfigError: the agent is for another task, or a number is out of its range.
     """
     from rans.evaluation.fly.contestants import in_protocol
-    from rans.evaluation.fly.episodes import fly_episodes
-    from rans_assurance.circle import LookAhead, guided, tracked
+    from rans_assurance.circle import LookAhead, fly_circle, tracked
 
     planner = LookAhead(speed, look_ahead)
     run = in_protocol(agent, "own")
-    setup = guided(run, planner)
-    count = whole("episodes", episodes)
-    return tracked(fly_episodes(run.controller, setup, seed, count, engine), planner)
+    return tracked(fly_circle(run, planner, seed, whole("episodes", episodes), engine), planner)
 
 
 FAULT_COLUMNS = ("fault", "recoverable", "least margin", "not recoverable")

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rans_assurance.circle import RADIUS, START_SPREAD, LookAhead, Progress, guided, tracked
+from rans_assurance.circle import RADIUS, START_SPREAD, LookAhead, Progress, fly_circle, tracked
 
-from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
@@ -50,7 +49,7 @@ def flown(planner: LookAhead, craft: Spacecraft = PLATFORM, engine: Any = "fast"
     run: Any = SimpleNamespace(
         craft=craft, task=TrackVelocity(), controller=tracker, timing=Timing()
     )
-    return fly_episodes(tracker, guided(run, planner), 5, 4, engine)
+    return fly_circle(run, planner, 5, 4, engine)
 
 
 def columns(vector: Any) -> np.ndarray:

@@ -5,8 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING
 
-from rans.extend import Options, Terminal, command_of, whole, word
-from rans.show.pages.page import say
+from rans.extend import Options, Terminal, command_of, say, whole, word
 from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:

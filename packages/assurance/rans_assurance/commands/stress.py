@@ -9,9 +9,9 @@ from rans.extend import (
     Options,
     Terminal,
     command_of,
+    say,
     word,
 )
-from rans.show.pages.page import say
 from rans_assurance.functions import stress
 from rans_assurance.sections.stress import WORST
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -33,8 +33,7 @@ from rans_assurance.stress.outcome import Limit, StressOutcome, holds_to
 
 _PERFECT = Level("perfect", None, Conditions())
 _SHARE = 1024
-_SLOW_SHARE = 8
-"""Number of episodes that a process flies at once of a slow controller."""
+"""Number of episodes that a process flies at once."""
 
 
 @dataclass
@@ -113,37 +112,33 @@ class Stress:
         total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
         progress = stages(f"{len(self.levels)} scenarios", total)
         contestants = list(self.contestants.values())
+        # Level by level, so that the first results are of all contestants.
+        jobs = [
+            (level, k, self.episodes(contestant))
+            for level in range(len(self.levels))
+            for k, contestant in enumerate(contestants)
+        ]
         # One controller for each contestant and scenario, in every process.
-        jobs = list(_jobs(self))
         arguments = (
             self.contest,
             [[self._controller(spec, level) for level in self.levels] for spec in self.contestants],
             [level.conditions.or_none for level in self.levels],
         )
         pool = Workers(_Flyer, arguments, workers, "flew episodes")
-        parts: dict[tuple[int, int], dict[int, _Part]] = {}
         lost: set[int] = set()
-        # Parts arrive in any order; a scenario is complete when all its episodes are there.
         for number, answer in pool.finished(_Flyer.tried, jobs):
-            job = jobs[number]
-            progress(job.episodes)
-            name = contestants[job.contestant].name
-            level = self.levels[job.level]
-            if job.contestant in lost:
+            at, flying, count = jobs[number]
+            progress(count)
+            name = contestants[flying].name
+            level = self.levels[at]
+            if flying in lost:
                 continue
             if isinstance(answer, str):
-                lost.add(job.contestant)
+                lost.add(flying)
                 self.failures.append(f"{name}, in {level.name}: {answer}")
                 continue
-            flown = parts.setdefault((job.level, job.contestant), {})
-            flown[job.first] = answer
-            self.stopped[name] = self.stopped.get(name, 0) + answer.stopped
-            if sum(len(part.outcome.excess) for part in flown.values()) == self.episodes(
-                contestants[job.contestant]
-            ):
-                self.outcomes[level.name, name] = StressOutcome.joined(
-                    [flown[k].outcome for k in sorted(flown)]
-                )
+            self.outcomes[level.name, name], stopped = answer
+            self.stopped[name] = self.stopped.get(name, 0) + stopped
 
 
 def prepared(
@@ -197,30 +192,6 @@ def prepared(
     )
 
 
-class _Job(NamedTuple):
-    """Consecutive episodes of one contestant at one level."""
-
-    level: int
-    contestant: int
-    first: int
-    episodes: int
-
-
-class _Part(NamedTuple):
-    outcome: StressOutcome
-    stopped: int
-
-
-def _jobs(stress: Stress) -> Iterator[_Job]:
-    """Jobs level by level, so that the first results are of all contestants."""
-    for level in range(len(stress.levels)):
-        for k, contestant in enumerate(stress.contestants.values()):
-            count = stress.episodes(contestant)
-            part = _SLOW_SHARE if getattr(contestant.controller, "slow", False) else _SHARE
-            for first in range(0, count, part):
-                yield _Job(level, k, first, min(part, count - first))
-
-
 class _Flyer(NamedTuple):
     """Contestants and conditions, in each process."""
 
@@ -229,8 +200,8 @@ class _Flyer(NamedTuple):
     """Controllers by contestant and level."""
     conditions: Sequence[Conditions | None]
 
-    def tried(self, level: int, contestant: int, first: int, count: int) -> _Part | str:
-        """Outcomes of consecutive episodes of one contestant at one level, or a sentence about its failure.
+    def tried(self, level: int, contestant: int, count: int) -> tuple[StressOutcome, int] | str:
+        """Outcomes of a contestant at a level and how often its solver stopped, or a sentence about its failure.
 
         A contestant with a sentence is left out of the rest.
         """
@@ -238,15 +209,20 @@ class _Flyer(NamedTuple):
             with warnings.catch_warnings():
                 # A craft whose controller fails under the conditions may tumble until numbers overflow.
                 warnings.simplefilter("ignore")
-                return self.flown(level, contestant, first, count)
+                return self.flown(level, contestant, count)
         except RansError as error:
             return str(error)
         except Exception as error:  # solvers and other people's code raise anything
             return f"{type(error).__name__}: {first_line(error)}."
 
-    def flown(self, level: int, contestant: int, first: int, count: int) -> _Part:
-        """Outcomes of consecutive episodes of one contestant at one level."""
+    def flown(self, level: int, contestant: int, count: int) -> tuple[StressOutcome, int]:
+        """Outcomes of the first episodes of one contestant at one level, in shares that memory has room for."""
         flying = self.controllers[contestant][level]
         setup = self.contest.setup._replace(conditions=self.conditions[level])
-        flight = fly_draws(flying, setup, draws(self.contest.seed, count, first))
-        return _Part(StressOutcome.of(flight), getattr(flying, "failures", 0))
+        parts = []
+        stopped = 0
+        for first in range(0, count, _SHARE):
+            own = draws(self.contest.seed, min(_SHARE, count - first), first)
+            parts.append(StressOutcome.of(fly_draws(flying, setup, own)))
+            stopped += getattr(flying, "failures", 0)
+        return StressOutcome.joined(parts), stopped
