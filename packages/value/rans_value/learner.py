@@ -47,7 +47,7 @@ from rans.extend import (
 )
 from rans.fast.learn.graph import fused
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
-from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, parted, relative
+from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, relative
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -61,6 +61,8 @@ _BY_ANY_CRAFT = 0.7
 """Part of the states with which it begins that are of those flights."""
 _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
+_LOST = 6.0
+"""Value, in times in which the craft gains its range and that at full thrust, beyond which flights do not go on."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
 _FITTED = 0.7
@@ -168,8 +170,9 @@ class Greedy:
     def _first(self, state: Tensor, count: int) -> tuple[Tensor, Tensor]:
         """The first patterns (C, N, n), and their costs (C, N), s."""
         costs = self._costs(state, self._single[:, None])
-        order = self._patterns @ (costs[1:] - costs[:1])
-        first = order.topk(min(count, len(order)), dim=0, largest=False).indices
+        # A row of memory for each state, as thousands of patterns are compared.
+        order = (costs[1:] - costs[:1]).T @ self._patterns.T
+        first = order.topk(min(count, order.shape[1]), dim=1, largest=False).indices.T
         patterns = self._patterns[first]
         return patterns, self._costs(state, patterns)
 
@@ -390,16 +393,15 @@ class ValueLearner:
             discounts.append(discount)
         # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
         sides = zip(self._turn, self._hand, strict=True)
-        ends = [self._value_of(equivalent(state, *side)) for side in sides]
-        target = torch.stack(ends).mean(dim=0)
+        seen = [self._value_of(equivalent(state, *side)) for side in sides]
+        target = torch.stack(seen).mean(dim=0)
+        # Flights that are lost, or never come to rest, begin anew.
+        most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
+        self._ends = state[:, target < most]
         targets = []
         for cost, discount in zip(reversed(costs), reversed(discounts), strict=True):
             target = cost + discount * target
             targets.append(target)
-        # Flights that are lost begin anew.
-        self._ends = state[
-            :, parted(state)[0].square().sum(dim=0) < (3.0 * self.problem.range) ** 2
-        ]
         return torch.cat(states, dim=1), torch.cat(targets[::-1])
 
     def _round(self) -> Tensor:

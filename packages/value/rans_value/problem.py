@@ -146,12 +146,13 @@ class PoseProblem:
         self.range = 0.5 * (task.spawn_distance[0] + task.spawn_distance[1])
         self.scale = math.sqrt(self.range / self.acceleration)
         """Time in which the craft gains its range, s."""
-        # Changes of spin by the weakest torques in a period, and so the distances of headings at rest.
-        arms = torques.abs() / moments
-        steps = arms.where(arms > 1e-9, math.inf).amin(dim=0) * period
+        # Changes of spin by each thruster in a period, and so the distances of headings at rest.
+        kicks = torques * period / moments
+        steps = kicks.abs().where(kicks.abs() > 1e-9, math.inf).amin(dim=0)
         self.spin_steps = [float(step) for step in steps]
+        self._kicks = kicks.float()
         self.rows = 7 if craft.dimension == 2 else 14
-        self.numbers = 2 * craft.degrees_of_freedom + 2
+        self.numbers = 2 + 2 * craft.dimension + len(steps) + len(forces)
         """Random numbers of a state near the goal."""
         self.thrust = [thruster.force / self.force for thruster in craft.thrusters]
         views = symmetries(craft)
@@ -312,22 +313,23 @@ class PoseProblem:
     def near(self, uniform: Tensor, state: Tensor) -> Tensor:
         """States around the goal at random scales in place of states (rows, N), from numbers in [0, 1).
 
-        The numbers are (`numbers`, N). Spins are those of a craft that began at
-        rest for all but a tenth.
+        The numbers are (`numbers`, N). Spins are sums of whole pulses, those of a craft that began at rest, for all
+        but a tenth: others allow no rest.
         """
-        count = len(self.spin_steps)
+        kicks = self._kicks.to(uniform.device)
+        count, axes = kicks.shape
         spread = 2.0 * uniform[2:] - 1.0
-        p, turn, v, w = spread.split((self.dimension, count, self.dimension, count))
+        p, turn, v, pulses = spread.split((self.dimension, axes, self.dimension, count))
         scale = torch.exp(math.log(0.02) * uniform[0])
         turn = turn * scale.sqrt() * math.pi
-        w = w * scale * 2.0 * math.sqrt(self.angular_acceleration)
-        step = torch.tensor(self.spin_steps, device=w.device)[:, None]
-        reached = torch.where(uniform[1] < 0.9, torch.round(w / step) * step, w)
+        most = 2.0 * math.sqrt(self.angular_acceleration * axes) / kicks.norm()
+        pulses = most * scale * pulses
+        w = kicks.T @ torch.where(uniform[1] < 0.9, pulses.round(), pulses)
         if self.dimension == 3:
             half = 0.5 * turn.square().sum(dim=0, keepdim=True).sqrt()
             turn = torch.cat((half.cos(), 0.5 * turn * (half / math.pi).sinc()))
         v = v * scale * math.sqrt(self.acceleration * self.range)
-        return torch.cat((p * scale * 1.5, turn, v, reached, state[-1:]))
+        return torch.cat((p * scale * 1.5, turn, v, w, state[-1:]))
 
 
 def _weakest(columns: Tensor) -> float:

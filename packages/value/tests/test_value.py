@@ -10,7 +10,7 @@ from typing import Any, cast
 import pytest
 import torch
 from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
-from rans_value.problem import equivalent
+from rans_value.problem import equivalent, parted
 from torch import Tensor
 
 from rans.errors import ConfigError
@@ -76,6 +76,15 @@ def test_in_space_the_first_values_are_costs_of_flights_by_any_craft() -> None:
     # A flight ends at rest at the goal, and what is left costs less the nearer that is.
     assert (made.problem.inside(states)[2][costs < 0.2] < 1.0).all()
     assert float(costs.max()) > 5.0
+
+
+def test_most_spins_near_the_goal_are_those_that_pulses_bring_to_rest() -> None:
+    problem = learner(load_spacecraft("free-flyer")).problem
+    near = problem.near(torch.rand(problem.numbers, 512), torch.zeros(problem.rows, 512))
+    x, y, z = parted(near)[3] / torch.tensor(problem.spin_steps)[:, None]
+    # Nozzles across turn it about x and y at once.
+    pulses = torch.stack(((x + y) / 2, (x - y) / 2, z))
+    assert ((pulses - pulses.round()).abs() < 1e-3).all(dim=0).float().mean() > 0.85
 
 
 def test_commands_cost_at_most_what_they_promise() -> None:
