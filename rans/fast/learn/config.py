@@ -285,18 +285,12 @@ class PPOSettings:
         require_bounds(self, "finite and >= 0", lambda x: 0 <= x < math.inf, "zoom")
         require_bounds(self, "in (0, 1]", lambda x: 0 < x <= 1, "gamma", "gae_lambda")
         # The network: names first, then sizes, then what does not go together.
-        for name, kind in (
-            ("head", Head),
-            ("matmul", Precision),
+        for name, choices in (
+            ("head", get_args(Head)),
+            ("matmul", get_args(Precision)),
+            ("backbone", BACKBONES),
         ):
-            choices = get_args(kind)
-            require_bounds(
-                self, f"one of {', '.join(choices)}", lambda x, choices=choices: x in choices, name
-            )
-        if self.backbone not in [*BACKBONES]:
-            raise ConfigError(
-                f"backbone must be one of {', '.join(BACKBONES)}, got {brief(self.backbone)}."
-            )
+            one_of(name, getattr(self, name), choices)
         require_bounds(
             self,
             f"1 to {MOST_LAYERS} numbers >= 1 and <= {MOST_UNITS:,}",
@@ -501,7 +495,7 @@ def training(task: str, spacecraft: str | None = None, device: str | None = None
         task,
         settings,
         named,
-        replace(preset(task, craft.dimension, device), symmetric=settings.symmetric),
+        preset(task, craft.dimension, device),
         timing=timing_of_file(craft, settings, named),
         device=device,
     )
@@ -546,12 +540,9 @@ def training_of_quality(
             if (better := learner.best(quick, craft)) is not None:
                 return better
     file = _recipe_file(task, craft.dimension, quality, randomized)
-    if file is None:
-        result = _to_the_end(quick)
-    else:
-        result = replace(_config(file, quick.device), spacecraft=quick.spacecraft)
-        if quick.timing != quick.settings.timing:
-            result = replace(result, timing=quick.timing)
+    result = _config(file, quick.device, task=task, spacecraft=quick.spacecraft)
+    if quick.timing != quick.settings.timing:
+        result = replace(result, timing=quick.timing)
     # Under conditions a network needs a memory, as base-adaptive has it.
     ppo = result.ppo
     if randomized and not ppo.memory.remembers:  # the spacecraft varies between episodes
@@ -570,37 +561,27 @@ def craft_of(config: TrainConfig) -> Spacecraft:
     return load_spacecraft(config.spacecraft)
 
 
-def _to_the_end(quick: TrainConfig) -> TrainConfig:
-    """Config of the same task with the length and hyper-parameters of long trainings.
-
-    The result is what `best` trains where no recipe of the task is in the folder.
-    """
-    table = _on_device(_table(RECIPE_FOLDER / "base-precise.toml"), quick.device)
-    ppo = structure(table["ppo"], PPOSettings, "base-precise.ppo")
-    return replace(
-        quick,
-        ppo=replace(ppo, symmetric=quick.ppo.symmetric),
-        total_timesteps=table["total_timesteps"],
-        report_interval=table["report_interval"],
-        solved_share=None,
-    )
-
-
-def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path | None:
-    """Recipe file of a quality, by the names that recipes have; None: this task has none.
+def _recipe_file(task: str, dimension: int, quality: Quality, randomized: bool) -> Path:
+    """Recipe file of a quality, by the names that recipes have; that of any long training if the task has none.
 
     The first that exists counts, from the most special one on. Names are part of the interface: pages and tests
     have them.
     """
-    space = "plane" if dimension == 2 else "space"
-    own = RECIPE_FOLDER / f"{quality}-{task}-{space}.toml"
-    if not (quality == "best" and randomized) and ":" not in task and own.exists():
-        return own
-    endings = ["", "-shared"]
+    names = [f"{task}-{dimension}d{ending}" for ending in ("", "-shared")]
     if quality == "best" and randomized:
-        endings = ["-robust", *endings]
-    names = [f"{task}-{dimension}d{ending}" for ending in endings]
-    return next((RECIPE_FOLDER / f"{name}.toml" for name in names if name in RECIPES), None)
+        names = [f"{task}-{dimension}d-robust", *names]
+    else:
+        names = [f"{quality}-{task}-{_PLACES[dimension]}", *names]
+    return _first(*names, "base-precise")
+
+
+_PLACES = {2: "plane", 3: "space"}
+
+
+def _first(*names: str) -> Path:
+    """The first recipe of these names that comes with RANS; a task of the user's own, MODULE:NAME, has none."""
+    files = (RECIPE_FOLDER / f"{name}.toml" for name in names if ":" not in name)
+    return next(file for file in files if file.exists())
 
 
 def preset(task: str, dimension: int, device: str) -> PPOSettings:
@@ -611,22 +592,38 @@ def preset(task: str, dimension: int, device: str) -> PPOSettings:
         dimension: 2 or 3.
         device: torch device; any device but a CPU uses the GPU values.
     """
-    space = "plane" if dimension == 2 else "space"
-    own = RECIPE_FOLDER / f"preset-{task}-{space}.toml"
-    file = own if ":" not in task and own.exists() else RECIPE_FOLDER / f"preset-{space}.toml"
-    table = _on_device(_table(file), device)
-    return structure(table.get("ppo", {}), PPOSettings, f"{file.stem}.ppo")
+    place = _PLACES[dimension]
+    return _config(_first(f"preset-{task}-{place}", f"preset-{place}"), device, task=task).ppo
 
 
-def _config(file: Path, device: str) -> TrainConfig:
-    """Training config of a recipe file on a device; errors name the file."""
+def _config(file: Path, device: str, **given: str) -> TrainConfig:
+    """Training config of a recipe file on a device, with some entries ``given``; errors name the file.
+
+    A table of ``[gpu]`` counts more than its ``step_factor``.
+    """
     try:
-        table = _on_device(_table(file), device)
+        own = _table(file)
+        table = {"spacecraft": "", "solved_share": None} | own | given
+        gpu = table.pop("gpu", {})
+        if not isinstance(gpu, dict):
+            raise ConfigError(f"gpu must be a table of what differs on a GPU, got {brief(gpu)}.")
+        gpu = {} if device.startswith("cpu") else dict(gpu)
+        factor = whole("gpu.step_factor", gpu.pop("step_factor", 1))
+        table = merged(table, gpu) | {"device": device}
         named = table.pop("conditions", None)
         conditions = Conditions() if named is None else load_conditions(named)
-        # Recipes train for all their steps; TOML has no null to express this.
-        config = from_table({"solved_share": None} | table | {"device": device})
-        return replace(config, conditions=conditions)
+        config = from_table(table)
+        longer: dict[str, Any] = {
+            "total_timesteps": config.total_timesteps * factor,
+            "curriculum": [
+                replace(ramp, begin=ramp.begin * factor, duration=ramp.duration * factor)
+                for ramp in config.curriculum
+            ],
+        }
+        changes = {name: value for name, value in longer.items() if name not in gpu}
+        if "task" not in own:  # a file for any task
+            changes["ppo"] = replace(config.ppo, symmetric=config.settings.symmetric)
+        return replace(config, conditions=conditions, **changes)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
 
@@ -649,40 +646,6 @@ def _table(file: Path) -> dict[str, Any]:
         )
     below = _table(RECIPE_FOLDER / f"{base}.toml")
     return merged(below, table)
-
-
-def _on_device(table: dict[str, Any], device: str) -> dict[str, Any]:
-    """Table of a recipe for a device, with ``[gpu]`` applied or removed.
-
-    A table of ``[gpu]`` counts more than its ``step_factor``. The argument loses its entry ``gpu``.
-    """
-    gpu = table.pop("gpu", {})
-    if not isinstance(gpu, dict):
-        raise ConfigError(f"gpu must be a table of what differs on a GPU, got {brief(gpu)}.")
-    if device.startswith("cpu"):
-        return table
-    factor = gpu.pop("step_factor", 1)
-    if type(factor) is not int or factor < 1:
-        raise ConfigError(f"gpu.step_factor must be a whole number >= 1, got {brief(factor)}.")
-    longer = dict(table)
-    if "total_timesteps" in table:
-        longer["total_timesteps"] = _multiplied(table["total_timesteps"], factor)
-    if isinstance(table.get("curriculum"), list):
-        longer["curriculum"] = [
-            {
-                key: _multiplied(value, factor) if key in ("begin", "duration") else value
-                for key, value in ramp.items()
-            }
-            if isinstance(ramp, dict)
-            else ramp
-            for ramp in table["curriculum"]
-        ]
-    return merged(longer, gpu)
-
-
-def _multiplied(steps: Any, factor: int) -> Any:
-    """Number of steps times a factor; any other value is kept, and `from_table` rejects it."""
-    return steps * factor if type(steps) is int else steps
 
 
 # Changes of entries by their names, for options and keyword arguments.

@@ -4,11 +4,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pytest
 import torch
 
 from rans.fast.engine import Engine
-from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps, task_at
+from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps
 from rans.tasks import GoToPose, MultiTask
 from tests.support.engines import PLATFORM, SHORT, way_to_go
 from tests.support.training import CONFIG, tiny_trainer
@@ -19,35 +18,18 @@ CHEAPER = Ramp("thrust_weight", 0.0, duration=400)
 RAMPS = (NEARER, CHEAPER)
 
 
-@pytest.mark.parametrize(
-    ("steps", "distance", "weight"),
-    [
-        (0, (0.25, 0.5), 0.0),
-        (100, (0.25, 0.5), 0.05),
-        (400, (0.3, 1.3), 0.2),
-        (700, (0.375, 2.5), 0.2),
-        (1200, (0.5, 4.5), 0.2),
-        (10**9, (0.5, 4.5), 0.2),
-    ],
-)
-def test_linear_ramps(steps: int, distance: tuple[float, float], weight: float) -> None:
-    moved = task_at(TASK, RAMPS, steps)
-    assert isinstance(moved, GoToPose)
-    assert moved.spawn_distance == pytest.approx(distance)
-    assert moved.thrust_weight == pytest.approx(weight)
-    assert replace(moved, spawn_distance=(0.5, 4.5), thrust_weight=0.2) == TASK
-
-
 def test_geometric() -> None:
     """From 0.05 to 0.8: a factor of four by half time, of two by a quarter."""
     ramp = Ramp("thrust_weight", 0.05, duration=400, begin=100, shape="geometric")
-    values = [next(ramp.values(0.8, steps)) for steps in (0, 200, 300, 500)]
+    ends = {"thrust_weight": 0.8}
+    values = [ramp.values(ends, steps)["thrust_weight"] for steps in (0, 200, 300, 500)]
     np.testing.assert_allclose(values, [0.05, 0.1, 0.2, 0.8], rtol=1e-12)
 
 
 def test_a_setting_within_a_multi_task() -> None:
-    moved = task_at(MultiTask(), (Ramp("go_to_pose.thrust_weight", 0.0, duration=100),), 50)
-    assert moved == MultiTask(go_to_pose=GoToPose(thrust_weight=0.01))
+    curriculum = Curriculum(MultiTask(), [Ramp("go_to_pose.thrust_weight", 0.0, 100)], np.float64)
+    curriculum.move_to(50)
+    assert curriculum.task == MultiTask(go_to_pose=GoToPose(thrust_weight=0.01))
 
 
 def test_ramps_that_are_possible_together_only() -> None:
