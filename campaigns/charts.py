@@ -15,7 +15,7 @@ import numpy as np
 from campaigns.figures import checks_of
 from campaigns.standings import MISSIONS, rows
 from rans.files import read_json, read_text
-from rans.show.figures.figures import styled
+from rans.show.figures.panels import styled
 from rans.show.figures.plotting import Axes, Figure
 from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, RED, series_style
 
@@ -201,7 +201,7 @@ def error_sources() -> Figure:
         axes.set_xlabel("impulse added, %")
         axes.set_title(mission)
         axes.axvline(0.0, color=INK, linewidth=0.8)
-    figure.axes[0].legend()
+    figure.axes[0].legend(loc="best")
     return figure
 
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rans.errors import legible
-from rans.show.figures.figures import styled
-from rans.show.figures.panels import PLAIN, STYLE, label
+from rans.show.figures.panels import PLAIN, STYLE, label, styled
 from rans.show.figures.picture_file import save_picture
 from rans.show.figures.plotting import (
     Axes,
@@ -32,6 +31,8 @@ _COLOURS = {"var(--ink)": INK, "var(--soft)": GREY}
 """Colours of pages that follow the reader's choice of light or dark, on paper."""
 _PAPER: dict[Any, Any] = {"pdf.fonttype": 42, "text.parse_math": False, "lines.markersize": 6}
 """TrueType, which publishers ask for in place of Matplotlib's Type 3; names with a $ are no mathematics."""
+_COLUMNS = 3
+"""Most charts beside each other."""
 _MARKERS = {"ring": "o", "": ""} | {one: one for one in "osD^vx_P."}
 """Matplotlib's markers by those of series."""
 
@@ -53,10 +54,12 @@ def save_chart(chart: Chart, file: Path) -> list[Path]:
 @styled
 def charts_figure(charts: Sequence[Chart]) -> Figure:
     """Charts side by side, each as wide as a column and a half of a paper, with its legend below."""
+    columns = min(len(charts), _COLUMNS)
+    rows = math.ceil(len(charts) / columns)
     with rc_context(_PAPER):
-        figure = Figure(figsize=(5.4 * len(charts), 4.2), layout="constrained")
-        grid = figure.subplots(1, len(charts), squeeze=False)[0]
-        for axes, chart in zip(grid, charts, strict=True):
+        figure = Figure(figsize=(5.4 * columns, 4.2 * rows), layout="constrained")
+        for number, chart in enumerate(charts, 1):
+            axes = figure.add_subplot(rows, columns, number)
             _draw(axes, chart)
             if axes.get_legend_handles_labels()[1]:
                 axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.16), ncols=2)
@@ -70,11 +73,11 @@ def _draw(axes: Axes, chart: Chart) -> None:
     lowest = _lowest(chart)
     for series in chart.series:
         _draw_series(axes, series, lowest)
-    for axis in (axes.xaxis, axes.yaxis):
-        if chart.logarithmic:
+    for name, axis in (("x", axes.xaxis), ("y", axes.yaxis)):
+        if name in chart.logarithmic:
             _logarithmic(axes, axis)
         else:
-            axis.set_major_locator(MaxNLocator(6))
+            axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
             axis.set_major_formatter(FuncFormatter(lambda x, _: tick_label(x)))
     if chart.shaded:
         # From the left edge on: a range from 0 has no beginning on a logarithmic axis.
@@ -103,12 +106,12 @@ def _logarithmic(axes: Axes, axis: Axis) -> None:
 
 def _lowest(chart: Chart) -> tuple[float, float]:
     """Where marks at 0 stand along x and y: a logarithm has no place for them, and they are below all others."""
-    if not chart.logarithmic:
-        return -math.inf, -math.inf
     marks = [mark for series in chart.series for mark in series.finite]
     x, y = (
         0.5 * min((value for value in values if value > 0.0), default=2.0)
-        for values in ((mark.x for mark in marks), (mark.y for mark in marks))
+        if name in chart.logarithmic
+        else -math.inf
+        for name, values in (("x", [mark.x for mark in marks]), ("y", [mark.y for mark in marks]))
     )
     return x, y
 
@@ -120,11 +123,16 @@ def _draw_series(axes: Axes, series: Series, lowest: tuple[float, float]) -> Non
         return
     colour = _COLOURS.get(series.colour, series.colour)
     hollow: dict[str, Any] = {"markerfacecolor": "none"} if series.marker == "ring" else {}
+    x = [max(mark.x, lowest[0]) for mark in marks]
+    is_band = not series.marker and marks[0].y_interval is not None
+    if is_band:
+        low, high = zip(*(mark.y_interval for mark in marks if mark.y_interval), strict=True)
+        axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
     axes.errorbar(
-        [max(mark.x, lowest[0]) for mark in marks],
+        x,
         [max(mark.y, lowest[1]) for mark in marks],
         xerr=_bars(marks, "x"),
-        yerr=_bars(marks, "y"),
+        yerr=None if is_band else _bars(marks, "y"),
         color=colour,
         marker=_MARKERS.get(series.marker, "o"),
         linestyle={"solid": "-", "dotted": ":"}.get(series.line, ""),

@@ -9,7 +9,7 @@ import numpy as np
 
 from rans.model.spacecraft import Spacecraft
 from rans.outline import Outline
-from rans.show.figures.figures import styled
+from rans.show.figures.panels import styled
 from rans.show.figures.plotting import Circle, Figure, MaxNLocator
 
 _BODY = "#DCE6F0"

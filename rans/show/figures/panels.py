@@ -5,9 +5,9 @@ Panels get flights as `rans.flight.Flight` has them: (T + 1, N) states in SI uni
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -16,13 +16,12 @@ from rans.flight import Flight
 from rans.model.fields import Vec2, Vec3, map_leaves
 from rans.show.figures.plotting import (
     Axes,
+    Figure,
     FuncFormatter,
     LinearSegmentedColormap,
-    LineCollection,
-    LogLocator,
     MaxNLocator,
-    NullLocator,
     SubFigure,
+    rc_context,
 )
 from rans.show.palette import (
     BLUE,
@@ -70,129 +69,43 @@ PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
 
 Zones = Sequence[Sequence[float]]
 """Balls that stand still: coordinates of the centre in W, then the radius, of each, m."""
-Pick = Callable[[np.ndarray], np.intp]
-"""Chooses an episode by its mean over time: ``np.argmin`` or ``np.argmax``."""
+
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+
+def styled(draw: Callable[P, R]) -> Callable[P, R]:
+    """Decorator of a function that draws a figure: it has the project's style, and no axis of rounding errors."""
+
+    @wraps(draw)
+    def drawn(*arguments: P.args, **named: P.kwargs) -> R:
+        with rc_context(STYLE):
+            result = draw(*arguments, **named)
+            if isinstance(result, Figure):
+                _widen(result)
+            return result
+
+    return drawn
+
+
+_LEAST = 1e-3
+"""Least span of a linear axis, in its unit, and as a part of its largest number: below it are solvers' remains."""
+
+
+def _widen(figure: Figure) -> None:
+    """Widen linear axes that show less than `_LEAST`, so that nobody reads rounding errors."""
+    for axes in figure.axes:
+        for axis in axes._axis_map.values() if axes.axison else ():
+            low, high = axis.get_view_interval()
+            more = 0.5 * (_LEAST * max(1.0, abs(low), abs(high)) - abs(high - low))
+            if axis.get_scale() == "linear" and more > 0.0:
+                axis.set_view_interval(min(low, high) - more, max(low, high) + more, ignore=True)
 
 
 def label(axes: Axes, title: str, x: str, y: str) -> None:
     """Title and axes, units included."""
     axes.set(title=title, xlabel=x, ylabel=y)
-
-
-def activation_spread(axes: Axes, flight: Flight) -> None:
-    """Per thruster, the spread over episodes of how long it was open; without thrusters the use of each wheel."""
-    what = ("thruster activations", "thruster", "open time an episode, s")
-    used = flight.openings
-    if not flight.craft.thrusters:
-        what = ("wheel use", "wheel", "share of the largest torque times time, s")
-        used = np.abs(flight.commands)
-    seconds = used.sum(axis=0) * flight.timing.control_period
-    parts = axes.boxplot(
-        seconds,
-        positions=range(seconds.shape[1]),
-        widths=0.6,
-        whis=(5, 95),
-        showfliers=False,
-        showmeans=True,
-        patch_artist=True,
-        medianprops={"color": INK},
-        whiskerprops={"color": BLUE},
-        capprops={"color": BLUE},
-        boxprops={"facecolor": SKY, "edgecolor": BLUE},
-        meanprops={
-            "marker": "o",
-            "markersize": 3.5,
-            "markerfacecolor": RED,
-            "markeredgecolor": RED,
-        },
-    )
-    axes.legend(
-        [parts["boxes"][0], parts["medians"][0], parts["means"][0]],
-        ["middle half (whiskers 5 to 95 %)", "median", "mean"],
-    )
-    axes.set_ylim(0.0, 1.35 * max(0.1, axes.get_ylim()[1]))
-    label(axes, f"(a) {what[0]}", *what[1:])
-
-
-def _lines(axes: Axes, x: np.ndarray, y: np.ndarray) -> None:
-    """Every column of x and y, both (T, N), as a thin line; a bitmap, or files would be huge."""
-    opacity = min(0.6, 2.0 / np.sqrt(x.shape[1]))
-    axes.add_collection(
-        LineCollection(
-            list(np.stack((x, y), axis=-1).transpose(1, 0, 2)),
-            colors=BLUE,
-            linewidths=0.5,
-            alpha=opacity,
-            rasterized=True,
-        )
-    )
-
-
-def errors(every: Axes, summarised: Axes, flight: Flight, rank: int, letters: str) -> None:
-    """The task's error number ``rank``: of every episode, and its summary; blank if there is none."""
-    if rank >= len(flight.errors()):
-        every.set_axis_off()
-        summarised.set_axis_off()
-        return
-    quantity, error = list(flight.errors().items())[rank]
-    factor, unit = QUANTITIES[quantity].display
-    error = factor * error
-    bound = flight.task.tolerances().get(quantity)
-    # A logarithmic axis has no place for 0; the tolerance is always within it.
-    floor = max(0.01, 0.5 * min(error.min(), math.inf if bound is None else factor * bound))
-    top = 1.6 * max(0.1, error.max(), 0.0 if bound is None else factor * bound)
-    _lines(every, np.broadcast_to(flight.times[:, None], error.shape), np.maximum(error, floor))
-    every.set(xlim=(0.0, flight.times[-1]), ylim=(floor, top), yscale="log")
-    numbers = (1.0,) if top > 200.0 * floor else (1.0, 2.0, 5.0)
-    every.yaxis.set_major_locator(LogLocator(subs=numbers, numticks=20))
-    every.yaxis.set_minor_locator(NullLocator())
-    every.yaxis.set_major_formatter(PLAIN)
-    summary(summarised, flight.times, error, best=np.argmin, worst=np.argmax)
-    for axes, letter, what in zip(
-        (every, summarised), letters, ("every episode", "summary"), strict=True
-    ):
-        if bound is not None:
-            axes.axhline(
-                factor * bound, color=RED, linestyle="--", linewidth=1.0, label="tolerance"
-            )
-        if axes.get_legend_handles_labels()[0]:
-            axes.legend(loc="upper right")
-        label(axes, f"({letter}) {quantity} error, {what}", "time, s", f"{quantity} error, {unit}")
-
-
-def summary(axes: Axes, times: np.ndarray, values: np.ndarray, best: Pick, worst: Pick) -> None:
-    """Mean and spread of values (T, N), with the episodes whose means over time are best and worst."""
-    mean = values.mean(axis=1)
-    spread = values.std(axis=1)
-    ranking = values.mean(axis=0)
-    low = np.maximum(mean - spread, min(0.0, values.min()))
-    axes.fill_between(
-        times,
-        low,
-        mean + spread,
-        color=SKY,
-        alpha=0.35,
-        linewidth=0,
-        label="mean ± standard deviation",
-    )
-    axes.plot(times, values[:, worst(ranking)], color=ORANGE, linewidth=1.0, label="worst episode")
-    axes.plot(times, values[:, best(ranking)], color=GREEN, linewidth=1.0, label="best episode")
-    axes.plot(times, mean, color=BLUE, linewidth=1.8, label="mean")
-    axes.set_xlim(0.0, times[-1])
-    axes.legend(loc="best")
-
-
-def trajectories(axes: Axes, flight: Flight) -> None:
-    """Every path around its goal (m), seen along z, with starts and goal."""
-    x, y = from_goal(flight)[:2]
-    _lines(axes, x, y)
-    axes.scatter(x[0], y[0], s=2, linewidths=0, color=GREY, rasterized=True, label="starts")
-    if "position" in flight.errors():
-        axes.scatter([0.0], [0.0], s=60, marker="+", color=RED, zorder=5, label="goal")
-    reach = 1.08 * max(0.1, np.abs([x, y]).max())
-    axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal")
-    axes.legend(loc="upper right")
-    label(axes, "(e) trajectories, seen along z", *_places(flight))
 
 
 def _places(flight: Flight) -> tuple[str, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import io
-import warnings
 
 from rans.show.figures.panels import STYLE
 from rans.show.figures.plotting import Figure, rc_context
@@ -23,10 +22,7 @@ def svg(figure: Figure) -> str:
     Opened by itself its ground follows too.
     """
     buffer = io.StringIO()
-    with rc_context(STYLE), warnings.catch_warnings():
-        warnings.filterwarnings(
-            "ignore", "Creating legend with loc"
-        )  # only says that this machine is busy
+    with rc_context(STYLE):
         figure.savefig(buffer, format="svg", metadata={"Date": None}, transparent=True)
     rules = "".join(
         f'[style*="{what}: {ink.lower()}"]{{{what}:{dark}!important}}'

@@ -19,7 +19,7 @@ class Mark(NamedTuple):
 
 @dataclass(frozen=True)
 class Series:
-    """Marks of one kind."""
+    """Marks of one kind; the intervals along y of a line without a marker are a band."""
 
     name: str
     marks: Sequence[Mark]
@@ -45,7 +45,7 @@ class Chart:
         y_label: with its unit.
         caption: below the chart, and read out to those who cannot see it.
         shaded: ranges of x that are provably impossible.
-        logarithmic: whether both axes are.
+        logarithmic: the axes that are: "", "y" or "xy".
         y_range: bounds of y; None: those of the marks.
     """
 
@@ -54,7 +54,7 @@ class Chart:
     series: Sequence[Series]
     caption: str
     shaded: Sequence[tuple[float, float]] = ()
-    logarithmic: bool = False
+    logarithmic: str = ""
     y_range: tuple[float, float] | None = None
 
     @property

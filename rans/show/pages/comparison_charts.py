@@ -43,7 +43,7 @@ def plane_chart(comparison: Comparison) -> Chart:
         series,
         f"First time in the goal set{_over(len(starts))}{bound}.",
         shaded,
-        logarithmic=True,
+        logarithmic="xy",
     )
 
 

@@ -28,7 +28,7 @@ from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
 from rans.registry import Registry
-from rans.show.curve import learning_charts
+from rans.show.charts import learning_charts
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Fact, Page, Picture, Section, header, named, show
 from rans.show.pages.race import median_and_slowest
@@ -217,7 +217,7 @@ def _curves(curves: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
             if curve["figure"] == title
         ]
         quantity, _, over = title.partition(", over ")
-        yield Chart(over or "size", quantity, series, f"{title}.", logarithmic=True)
+        yield Chart(over or "size", quantity, series, f"{title}.", logarithmic="xy")
 
 
 def _method(run: Path) -> str:

@@ -15,7 +15,9 @@ from matplotlib.figure import Figure
 import rans.show.figures
 from rans.flight import Flight
 from rans.model.fields import Vec2
-from rans.show.figures.figures import episode_figure, evaluation_figure
+from rans.show.charts import flight_charts
+from rans.show.figures.chart_figure import charts_figure
+from rans.show.figures.figures import episode_figure
 from tests.support.evaluation_flights import flight_of
 
 NOISE = 1e-9
@@ -39,7 +41,7 @@ def drawing_functions() -> Iterator[tuple[str, Any]]:
 def test_every_figure_has_settled_axes() -> None:
     """By the decorator `styled`: a figure that is drawn without it is found here."""
     found = dict(drawing_functions())
-    assert len(found) > 3
+    assert len(found) >= 3
     bare = [name for name, function in found.items() if not hasattr(function, "__wrapped__")]
     assert bare == []
 
@@ -70,5 +72,5 @@ def check(figure: Figure) -> None:
 
 
 def test_a_flight_that_rests_has_axes_that_show_it() -> None:
-    for draw in (episode_figure, evaluation_figure):
-        check(draw(still()))
+    check(episode_figure(still()))
+    check(charts_figure([*flight_charts(still())]))

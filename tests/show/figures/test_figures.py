@@ -1,31 +1,24 @@
 from __future__ import annotations
 
-import io
 import subprocess
 import sys
-from itertools import count
-from types import SimpleNamespace
 from typing import Any, cast
 
 import numpy as np
 import pytest
-from matplotlib import legend
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 
 from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.show.curve import Rows, learning_charts
+from rans.show.charts import Rows, flight_charts, learning_charts
 from rans.show.figures.chart_figure import charts_figure
-from rans.show.figures.figures import (
-    episode_figure,
-    evaluation_figure,
-)
+from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import svg
 from rans.tasks import GoToPose
+from tests.support.comparisons import points
 from tests.support.evaluation_flights import many_episodes, two_episodes
 from tests.support.played import Played
 from tests.support.training_rows import ROWS
@@ -37,11 +30,6 @@ def panel(figure: Figure, letter: str) -> Axes:
     )
 
 
-def line(axes: Axes, label: str) -> np.ndarray:
-    found = next(x for x in axes.get_lines() if x.get_label() == label)
-    return np.asarray(found.get_xydata())
-
-
 def spatial_flight() -> Flight:
     craft = load_spacecraft("free-flyer")
     task = GoToPose(spawn_distance=(3.0, 4.0))
@@ -50,50 +38,60 @@ def spatial_flight() -> Flight:
     return fly(craft, task, shut, scenarios(task, craft, 0, 5), Timing(episode_steps=10))
 
 
+def charts(flight: Flight) -> dict[str, Axes]:
+    """The axes of all episodes, by their labels along y."""
+    return {axes.get_ylabel(): axes for axes in charts_figure([*flight_charts(flight)]).axes}
+
+
 def test_every_axis_has_its_unit() -> None:
-    for figure in (evaluation_figure(two_episodes()), episode_figure(two_episodes())):
+    figures = charts_figure([*flight_charts(two_episodes())]), episode_figure(two_episodes())
+    for figure in figures:
         labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
         unitless = {label for label in labels if ", " not in label}
         # An index, a ratio, a sum of reward terms, and the axis shared with the panel below.
         assert unitless <= {"thruster", "error / tolerance", "reward per step", ""}
 
 
-def test_summaries_show_mean_best_and_worst() -> None:
-    figure = evaluation_figure(two_episodes())
-    distance = panel(figure, "c")
+def test_charts_show_mean_best_and_worst() -> None:
+    found = charts(two_episodes())
     # Means over time: the first episode's 1 m start makes it the worst.
-    assert line(distance, "worst episode")[0].tolist() == [0.0, 100.0]
-    np.testing.assert_allclose(line(distance, "best episode")[-1], [5.0, 6.0])
-    np.testing.assert_allclose(line(distance, "mean")[0], [0.0, 52.0])
-    # In the reward panel best means most: the second episode never strays far.
-    rewards = panel(figure, "h")
-    assert line(rewards, "best episode")[0, 1] > line(rewards, "worst episode")[0, 1]
-    np.testing.assert_allclose(line(panel(figure, "d"), "mean")[:, 1], 0.1)
+    assert points(found["position error, cm"])["worst episode"][0] == [0.0, 100.0]
+    assert points(found["position error, cm"])["best episode"][-1] == pytest.approx([5.0, 6.0])
+    shown = ("position error, cm", "angular speed, rad/s")
+    means = {label: points(found[label])["mean (shaded: 5 to 95 %)"] for label in shown}
+    assert means["position error, cm"][0] == pytest.approx([0.0, 52.0])
+    assert [y for _, y in means["angular speed, rad/s"]] == pytest.approx([0.1] * 11)
+    # Of rewards the best are most: the second episode never strays far.
+    rewards = points(found["reward per step"])
+    assert rewards["best episode"][0][1] > rewards["worst episode"][0][1]
 
 
 def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
     """At most 100 cm and 10 degrees, where 5 cm and 5 degrees count as reached."""
-    figure = evaluation_figure(two_episodes())
-    for letter, most in (("b", 100.0), ("f", 10.0)):
-        axes = panel(figure, letter)
-        [drawn] = (x for x in axes.collections if isinstance(x, LineCollection))
-        assert max(segment[:, 1].max() for segment in drawn.get_segments()) == pytest.approx(most)
-        assert line(axes, "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
-    assert line(panel(figure, "c"), "tolerance")[:, 1] == pytest.approx([5.0, 5.0])
+    found = charts(two_episodes())
+    for label, largest in (("position error, cm", 100.0), ("attitude error, deg", 10.0)):
+        drawn = points(found[label])
+        assert max(y for _, y in drawn["worst episode"]) == pytest.approx(largest)
+        assert [y for _, y in drawn["tolerance"]] == pytest.approx([5.0, 5.0])
+        assert found[label].get_yscale() == "log"
+        assert found[label].get_xscale() == "linear"
 
 
-def test_every_episode_is_drawn_and_rasterised() -> None:
-    figure = evaluation_figure(many_episodes(50))
-    for letter in "bef":
-        lines = next(x for x in panel(figure, letter).collections if isinstance(x, LineCollection))
-        assert len(lines.get_segments()) == 50
-        assert lines.get_rasterized()
+def test_a_band_is_the_middle_of_many_episodes() -> None:
+    """50 starts and a file whose size does not grow with them."""
+    flight = many_episodes(50)
+    error = 100.0 * flight.errors()["position"]
+    (band,) = charts(flight)["position error, cm"].collections
+    (path,) = band.get_paths()
+    low, high = path.vertices[:, 1].min(), path.vertices[:, 1].max()  # type: ignore[index]
+    assert high == pytest.approx(np.percentile(error, 95, axis=1).max())
+    assert low == pytest.approx(max(0.01, np.percentile(error, 5, axis=1).min()))
 
 
 @pytest.mark.slow
 def test_spatial_flights_can_be_drawn() -> None:
     flight = spatial_flight()
-    svg(evaluation_figure(flight))
+    svg(charts_figure([*flight_charts(flight)]))
     path = episode_figure(flight, 3).axes[0]
     assert path.name == "3d"
     assert cast(Any, path).get_zlabel() == "z, m"
@@ -111,16 +109,6 @@ def test_episode_figure_draws_that_episode() -> None:
 @pytest.mark.slow
 def test_equal_figures_give_equal_bytes() -> None:
     assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
-
-
-@pytest.mark.slow
-def test_a_busy_machine_is_no_news(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Matplotlib warns if the place of a legend was found late, and warnings are errors here."""
-    monkeypatch.setattr(legend, "time", SimpleNamespace(perf_counter=count(0, 10).__next__))
-    figure = evaluation_figure(two_episodes())
-    with pytest.warns(UserWarning, match="Creating legend"):
-        figure.savefig(io.BytesIO(), format="svg")
-    svg(figure)
 
 
 def learning_figure(rows: Rows) -> Figure:
