@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.cli.overview import named, or_why_not
+from rans.cli.overview import rows_of
 from rans.errors import ConfigError, legible
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import number, read_text
@@ -43,20 +43,16 @@ def kind_of_object(reference: str) -> str:
     return "controller" if hasattr(result, "act") else "spacecraft"
 
 
-def _all_tasks() -> Table:
-    """Table of all tasks with their Gymnasium names; a task that cannot be loaded has its reason in its row."""
+def all_tasks() -> Iterable[Table]:
+    """All tasks with their Gymnasium names; a task that cannot be loaded has its reason in its row."""
 
-    def row(name: str) -> tuple[str, ...]:
+    def cells(name: str) -> tuple[str, ...]:
         return "\n".join(_environments(name)), _flag(TASKS[name]), _summary(TASKS[name])
 
-    rows = []
-    for name in TASKS:
-        cells = or_why_not(row, name)
-        rows.append((named(TASKS, name), *("",) * (3 - len(cells)), *cells))
-    return Table(("name", "Gymnasium ids", "flag", "what"), rows, "Tasks")
+    yield Table(("name", "Gymnasium ids", "flag", "what"), rows_of(TASKS, cells, 3), "Tasks")
 
 
-def _agent_details(name: str) -> Iterable[str | Table]:
+def agent(name: str) -> Iterable[str | Table]:
     """What a pretrained agent is, and the figures on its card, which were measured when it was made."""
     from rans.evaluation.measure.statistics import interval, quantity
 
@@ -84,7 +80,7 @@ def _agent_details(name: str) -> Iterable[str | Table]:
             yield Table(("metric", "value", "95 % interval"), rows, title)
 
 
-def _spacecraft_details(name: str) -> Iterable[str | Table]:
+def spacecraft(name: str) -> Iterable[str | Table]:
     """A spacecraft with its thrusters; of a file also whether it can settle."""
     craft = load_spacecraft(name)
     yield spacecraft_listing(craft)
@@ -116,7 +112,7 @@ def prospects(craft: Spacecraft) -> Iterator[str]:
     yield from slips(craft)
 
 
-def _task_details(name: str) -> Iterable[str | Table]:
+def task(name: str) -> Iterable[str | Table]:
     """A task by name: its observation, rewards, ends and settings, and the commands that change them."""
     task = load_task(name)
     yield f"{name}: {_summary(type(task))}"
@@ -128,16 +124,16 @@ def _task_details(name: str) -> Iterable[str | Table]:
     yield "Any of these: rans train --set settings.NAME=VALUE. Those of every training: rans list TRAINING."
 
 
-def _training_details(_: str) -> list[Table]:
+def training() -> Iterable[Table]:
+    """Settings of every training."""
     from rans.fast.learn.config import PPOSettings
 
-    return [
-        settings_listing(PPOSettings(), "ppo.", "Settings of the learner, before a task's preset"),
-        settings_listing(Timing(), "timing.", "Time"),
-    ]
+    yield settings_listing(PPOSettings(), "ppo.", "Settings of the learner, before a task's preset")
+    yield settings_listing(Timing(), "timing.", "Time")
 
 
-def _conditions_details(name: str) -> Iterable[str]:
+def conditions(name: str) -> Iterable[str]:
+    """Text of a set of conditions, by name or file."""
     load_conditions(name)  # raises an error if they are not valid
     if name.endswith(".toml"):
         text = legible(read_text(Path(name), LARGEST_TOML), 20_000)
@@ -146,7 +142,8 @@ def _conditions_details(name: str) -> Iterable[str]:
     yield from text.rstrip().splitlines()
 
 
-def _controller_details(name: str) -> Iterable[str]:
+def controller(name: str) -> Iterable[str]:
+    """What a controller is, and how it is named."""
     yield f"{name}: {_summary(CONTROLLERS[name])}"
     yield f"As a contestant {name}:go-to-pose-2d, or {name} after a first one."
 
@@ -166,15 +163,3 @@ def _summary(described: object) -> str:
     if text.startswith(f"{getattr(described, '__name__', '')}("):  # a signature, by `dataclass`
         text = ""
     return next(iter(text.splitlines()), "no docstring")
-
-
-PARTS: dict[str, Callable[[str], Iterable[str | Table]]] = {
-    "spacecraft": _spacecraft_details,
-    "task": _task_details,
-    "all tasks": lambda _: [_all_tasks()],
-    "conditions": _conditions_details,
-    "all training": _training_details,
-    "controller": _controller_details,
-    "agent": _agent_details,
-}
-"""Printed parts of an object, by its kind."""

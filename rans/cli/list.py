@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Annotated
 
 from tyro import conf
@@ -16,7 +15,7 @@ from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import read_text
 from rans.model.foreign import is_foreign
-from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.pretrained import missing_agents, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
 from rans.registry import typed
@@ -48,18 +47,18 @@ class List:
     def following(self) -> tuple[str, ...]:
         """Commands to run next with what was listed; none for conditions."""
         kind = self._kind()
-        if kind == "conditions":
-            return ()
         if kind == "spacecraft":
             from rans.cli.next_commands import with_spacecraft
 
             return with_spacecraft(load_spacecraft(typed(self._named)), self._named)
         name = shlex.quote(self._named)
-        if kind == "agent":
-            return (f"rans evaluate {name}",)
-        if kind == "task":
-            return (f"rans train {name}",)
-        return ("rans evaluate go-to-pose-2d-trade-off#0.5", "rans train go-to-pose")
+        follows: dict[str, tuple[str, ...]] = {
+            "conditions": (),
+            "agent": (f"rans evaluate {name}",),
+            "task": (f"rans train {name}",),
+        }
+        usual = "rans evaluate go-to-pose-2d-trade-off#0.5", "rans train go-to-pose"
+        return follows.get(kind, usual)
 
     def run(self) -> int:
         """Print the list or the details.
@@ -68,49 +67,56 @@ class List:
             ConfigError: the name or the file of the drawing is wrong.
         """
         kind = self._kind()
-        if self.picture is not None and kind != "spacecraft":
-            raise ConfigError(
-                f"--picture {self.picture} draws one spacecraft: name it, for example "
-                f"rans list floating-platform --picture {self.picture}."
-            )
         if self.picture is not None:
+            if kind != "spacecraft":
+                raise ConfigError(
+                    f"--picture {self.picture} draws one spacecraft: name it, for example "
+                    f"rans list floating-platform --picture {self.picture}."
+                )
             from rans.show.figures.layout_figure import draw_layout
             from rans.show.figures.picture_file import save_picture
 
             save_picture(draw_layout(load_spacecraft(typed(self._named))), self.picture)
         console = Terminal()
-        parts = (
-            overview.PARTS[kind]()
-            if kind in overview.PARTS
-            else _details().PARTS[kind](self._named)
-        )
-        for part in parts:
+        for part in self._parts(kind):
             if isinstance(part, Table):
                 console.table(part)
             else:
                 console.say(part)
         if self.picture is not None:
-            Terminal().say(f"Picture: {self.picture}")
+            console.say(f"Picture: {self.picture}")
         return 0
 
     @property
     def _named(self) -> str:
         return (self.name or "").removeprefix("pretrained:")
 
+    def _parts(self, kind: str) -> Iterable[str | Table]:
+        """Printed parts of a list, or of an object, whose details load it."""
+        if kind in _LISTS:
+            return _LISTS[kind]()
+        from rans.cli import details
+
+        if kind in _LOADING_LISTS:
+            return getattr(details, _LOADING_LISTS[kind])()
+        return getattr(details, kind)(self._named)
+
     def _kind(self) -> str:
-        """Kind of the named object, a key of `PARTS` in `overview` or `details`."""
+        """Kind of the named object, a function of `details`, or the name of a list."""
         name = self._named
         if self.name is None:
-            return "everything"
-        name = {"pretrained": "agents", "crafts": "spacecraft", "missions": "tasks"}.get(name, name)
-        if (every := f"all {name.lower()}") in (*overview.PARTS, "all tasks", "all training"):
+            return ""
+        every = {"pretrained": "AGENTS", "crafts": "SPACECRAFT", "missions": "TASKS"}.get(
+            name, name
+        )
+        if (every := every.upper()) in (*_LISTS, *_LOADING_LISTS):
             return every
         names_of: dict[str, Iterable[str]] = {
             "conditions": CONDITIONS,
             "task": TASKS,
             "agent": [*pretrained_names(), *missing_agents()],
             "controller": CONTROLLERS,
-            "spacecraft": spacecraft_names(),
+            "spacecraft": SPACECRAFT,
         }
         for kind, names in names_of.items():
             if name in names:
@@ -121,7 +127,9 @@ class List:
         if is_foreign(name) or name.lower().endswith(".toml"):
             return "spacecraft"
         if ":" in name:
-            return _details().kind_of_object(name)
+            from rans.cli.details import kind_of_object
+
+            return kind_of_object(name)
         near = CONTROLLERS.meant(name, [c for names in names_of.values() for c in names])
         raise ConfigError(
             "there is no spacecraft, task, agent, controller or set of conditions named "
@@ -130,11 +138,16 @@ class List:
         )
 
 
-def _details() -> ModuleType:
-    """What says more about one object, which it loads."""
-    from rans.cli import details
-
-    return details
+_LISTS: dict[str, Callable[[], Iterable[str | Table]]] = {
+    "": overview.everything,
+    "SPACECRAFT": overview.all_spacecraft,
+    "AGENTS": overview.all_agents,
+    "CONTROLLERS": overview.all_controllers,
+    "CONDITIONS": overview.all_conditions,
+}
+"""Lists by the words for them, which load nothing but spacecraft and conditions."""
+_LOADING_LISTS = {"TASKS": "all_tasks", "TRAINING": "training"}
+"""Lists by the words for them: functions of `details`."""
 
 
 def _kind_of_file(file: Path) -> str:
