@@ -28,6 +28,7 @@ from rans.files import read_json, write_json
 from rans.pretrained import pretrained_names
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import ASSURANCE_SEED
+from rans.table import Table
 from rans.terminal import Terminal
 from rans.verdict import Failure
 
@@ -77,7 +78,7 @@ class Assurances:
             self._assure(*one)
         found = table(self.docs, "assurances")
         found.write(self.docs)
-        Terminal(room=120).show("Assurances", _HEADINGS, found.rows)
+        Terminal(room=120).table(Table(_HEADINGS, found.rows, "Assurances"))
         return 0
 
     def _assure(self, spec: str, conditions: str) -> None:

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.markdown import Table
+from rans import table
 from rans.files import environment, plain, read_json, write_json
 from rans.terminal import Terminal
 
@@ -210,7 +211,7 @@ def run(campaign: Campaign, plan: Any, docs: Path | None) -> int:
             campaign.table(docs, name).write(docs)
     for name, shown in {**campaign.tables, **campaign.prints}.items():
         if not shown.reads_files:
-            Terminal().show(name, *texts(shown, plain(evidence)))
+            Terminal().table(table.Table(*texts(shown, plain(evidence)), name))
     return int(hasattr(plan, "failed") and plan.failed(evidence))
 
 

@@ -10,7 +10,7 @@ import os
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
@@ -25,11 +25,9 @@ from rich.progress import (
     BarColumn,
     Progress,
     ProgressColumn,
-    SpinnerColumn,
     Task,
     TaskProgressColumn,
     TextColumn,
-    TimeElapsedColumn,
 )
 from rich.text import Text
 
@@ -90,25 +88,6 @@ class Terminal(Console):
     def table(self, table: Table) -> None:
         """Print a table; if its columns do not fit, every row is a block of lines."""
         self.print(rendered(table))
-
-    def show(
-        self,
-        title: str,
-        columns: Sequence[str],
-        rows: Iterable[Sequence[Any]],
-        shorter: Iterable[Sequence[Any]] | None = None,
-        caption: str = "",
-    ) -> None:
-        """Print a table; where it is too wide, with ``shorter`` cells, if there are some, and a caption below."""
-        table = Table(columns, [tuple(row) for row in rows], title)
-        unbounded = self.options.update(max_width=_LONGEST)
-        if (
-            shorter is not None
-            and self.measure(rendered(table), options=unbounded).maximum > self.width
-        ):
-            short = [tuple(row) for row in shorter]
-            table = replace(table, rows=short, note=caption, whole=columns[1:])
-        self.table(table)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Text without control characters; all texts of tables and sentences pass through this method."""
@@ -309,37 +288,16 @@ def _in_log(name: str, total: int | None, /) -> Step:
 
 @contextmanager
 def doing(what: str, in_log: bool = True) -> Iterator[None]:
-    """Context that says what a command does while it prints nothing: a line that moves, and disappears at the end.
-
-    In a log it is a plain line, if it lasts for a second.
+    """Context that says what a command does while it prints nothing, as a stage without units.
 
     Args:
         what: what is done, without a period.
-        in_log: whether a log has that line.
+        in_log: whether a log has a line of it, too, if it takes long.
     """
-    terminal = Terminal(stderr=True)
-    if terminal.is_terminal:
-        with Progress(
-            SpinnerColumn(),
-            TextColumn("{task.description}", markup=False),
-            TimeElapsedColumn(),
-            console=terminal,
-            transient=True,
-            refresh_per_second=REDRAWN,
-        ) as bars:
-            bars.add_task(what, total=None)
-            yield
-        return
-    if not in_log:
+    with progress() as bars:
+        stage = stages(bars)(what, None) if in_log or not bars.disable else None
         yield
-        return
-    line = threading.Timer(1.0, lambda: terminal.say(f"{what} ..."))
-    line.daemon = True
-    line.start()
-    try:
-        yield
-    finally:
-        line.cancel()
+        del stage
 
 
 @contextmanager

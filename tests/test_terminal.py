@@ -56,36 +56,21 @@ ROWS = [
     ("settled, %", "100 (97 to 100)", "99", None),
     ("impulse of the whole episode, N s", "27.8", "2", "3"),
 ]
-SHORT = [("settled, %", "100", "99", None), ROWS[1]]
 
 
-def test_a_table_that_does_not_fit_has_shorter_cells_or_blocks(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("columns", [60, 100])
+def test_every_cell_of_a_table_is_there_once_and_whole(
+    columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In 60 columns: every cell once and whole, shorter ones where there are some."""
-    monkeypatch.setenv("COLUMNS", "60")
-    Terminal().show("Title", WIDE, ROWS)
-    text = capsys.readouterr().out
-    for cell in ("100 (97 to 100)", "99", "27.8"):
-        assert text.count(cell) == 1
-    assert max(map(len, text.splitlines())) <= 60
-    Terminal().show("Title", WIDE, ROWS, SHORT, "Shorter.")
-    text = capsys.readouterr().out
-    assert "(97 to 100)" not in text
-    assert "Shorter." in text
-    assert "go-to-pose-2d-robust" in text
-
-
-def test_a_table_that_fits_is_one_and_whole(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "100")
-    Terminal().show("Title", WIDE, ROWS, SHORT, "Shorter.")
+    """In 60 columns, which are too few, a row is a block of lines."""
+    monkeypatch.setenv("COLUMNS", str(columns))
+    Terminal().table(Table(WIDE, ROWS, "Title"))
     text = capsys.readouterr().out
     assert text.startswith("Title")
-    for once in ("settled, %", "100 (97 to 100)", "go-to-pose-2d-robust"):
-        assert text.count(once) == 1
-    assert "Shorter." not in text
+    for cell in ("settled, %", "100 (97 to 100)", "99", "27.8"):
+        assert text.count(cell) == 1
+    assert text.count("go-to-pose-2d-robust") == (1 if columns == 100 else 2)
+    assert max(map(len, text.splitlines())) <= columns
 
 
 def test_no_word_is_broken(
@@ -183,14 +168,15 @@ def test_a_stage_names_itself_in_a_log_before_its_first_unit(
     assert capsys.readouterr().err == said
 
 
-def test_only_what_is_not_done_within_a_second_is_a_line(
-    clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
-    for seconds, said in ((0.5, ""), (1.5, "writing ...\n")):
+def test_only_what_takes_long_is_a_line(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    for seconds, said in ((5.0, ""), (15.0, "writing ...\n")):
         with doing("writing"):
             clock.passes(seconds)
-        clock.passes(5.0)
+        clock.passes(15.0)
         assert capsys.readouterr().err == said
+    with doing("writing", in_log=False):
+        clock.passes(15.0)
+    assert capsys.readouterr().err == ""
 
 
 def test_units_of_minutes_tell_the_time_left_from_the_first_on(

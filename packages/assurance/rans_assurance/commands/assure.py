@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING
 
-from rans.extend import Options, Terminal, command_of, say, whole, word
+from rans.extend import Options, Table, Terminal, command_of, say, whole, word
 from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:
@@ -92,4 +92,4 @@ def _print_plan(failure_below: float | None) -> None:
     ]
     chances = ("chance of error, at most", "chance of error, at least")
     columns = ("flights", "failures that show the bound", *chances)
-    Terminal(room=100).show(f"At {plan.confidence:g} confidence", columns, rows)
+    Terminal(room=100).table(Table(columns, rows, f"At {plan.confidence:g} confidence"))

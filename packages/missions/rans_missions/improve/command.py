@@ -15,6 +15,7 @@ from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
     Options,
+    Table,
     Terminal,
     command_of,
     counted,
@@ -150,14 +151,12 @@ class Improve(Options):
         """
         found: Improved = self.call()
         console = Terminal()
-        console.show(
-            f"Impulse from {counted(self.episodes, 'start')} of {self.task}",
-            ("start", "before, N s", "after, N s", "ratio"),
-            [
-                (str(k), *(_cell(x, 4) for x in (a, b, b / a if a != 0.0 else 1.0)))
-                for k, (a, b) in enumerate(zip(found.before, found.after, strict=True))
-            ],
-        )
+        rows = [
+            (str(k), *(_cell(x, 4) for x in (a, b, b / a if a != 0.0 else 1.0)))
+            for k, (a, b) in enumerate(zip(found.before, found.after, strict=True))
+        ]
+        title = f"Impulse from {counted(self.episodes, 'start')} of {self.task}"
+        console.table(Table(("start", "before, N s", "after, N s", "ratio"), rows, title))
         console.print(f"{found.flown:,} flights were judged. Written to {self.output}.")
         if found.rounds < self.rounds:
             raise KeyboardInterrupt

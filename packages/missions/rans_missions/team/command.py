@@ -12,6 +12,7 @@ from scipy.integrate import solve_ivp
 from rans.extend import (
     EVALUATION_SEED,
     Options,
+    Table,
     Terminal,
     command_of,
     fly,
@@ -168,9 +169,8 @@ class Team(Options):
                 (f"coasts apart, m; nearer than {limit:g} m, %", nearer, flown.coasts),
             ):
                 rows.append((what, share, f"{np.median(distance):.1f}", f"{distance.min():.1f}"))
-        Terminal().show(
-            f"Inspection by teams of {self.deputies}", ("what", "of all", "median", "worst"), rows
-        )
+        title = f"Inspection by teams of {self.deputies}"
+        Terminal().table(Table(("what", "of all", "median", "worst"), rows, title))
         return 0 if flown.succeeded.all() else 1
 
 

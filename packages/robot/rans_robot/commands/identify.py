@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from rans.extend import ConfigError, Options, Terminal, command_of, doing, word
+from rans.extend import ConfigError, Options, Table, Terminal, command_of, doing, word
 from rans_robot.functions import identify
 
 
@@ -57,31 +57,24 @@ class Identify(Options):
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, namespace=self.namespace)
 
-        def cells(digits: int) -> list[tuple[str, ...]]:
-            """Cells of the table with so many digits; "not identifiable" where the log says nothing."""
-            return [
-                (
-                    f"{row.name}, {row.unit}",
-                    f"{row.nominal:.{digits}g}",
-                    f"{row.value:.{digits}g}",
-                    f"{row.low:.{digits}g} to {row.high:.{digits}g}"
-                    if row.is_identifiable
-                    else "not identifiable",
-                )
-                for row in result.rows()
-            ]
-
-        console.show("Identified", ("quantity", "data sheet", "value", "95 %"), cells(4), cells(3))
+        rows = [
+            (
+                f"{row.name}, {row.unit}",
+                f"{row.nominal:.4g}",
+                f"{row.value:.4g}",
+                f"{row.low:.4g} to {row.high:.4g}" if row.is_identifiable else "not identifiable",
+            )
+            for row in result.rows()
+        ]
+        console.table(Table(("quantity", "data sheet", "value", "95 %"), rows, "Identified"))
         # How much better the identified craft predicts the same logs.
         predictions = [
             [channel.name, f"{channel.before:.4g}", f"{channel.after:.4g}", UNITS[channel.name]]
             for channel in result.channels()
         ]
-        console.show(
-            f"Error of predictions over {result.fit.window:g} s, rms",
-            ("reading", "data sheet", "identified", "unit"),
-            predictions,
-        )
+        title = f"Error of predictions over {result.fit.window:g} s, rms"
+        columns = ("reading", "data sheet", "identified", "unit")
+        console.table(Table(columns, predictions, title))
         console.say(
             f"The force follows a command {1e3 * result.delay:.1f} ms later in the mean (95 %: "
             f"+-{1.96e3 * result.delay_deviation:.1f} ms)."
