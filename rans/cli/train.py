@@ -9,7 +9,6 @@ import re
 import shlex
 import signal
 import time
-import warnings
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -24,13 +23,11 @@ from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import whole_number
 from rans.errors import (
     ConfigError,
-    RansWarning,
     brief,
     meant_file,
 )
 from rans.files import command_line, inside
 from rans.model.spacecraft_file import effector_kind, load_spacecraft
-from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
 from rans.show.progress import TrainingProgress
 from rans.system import ALARMS, ENDS, set_alarm
@@ -111,39 +108,27 @@ class Train(Options):
         return trainer
 
     def _check(self) -> None:
-        """Reject (`ConfigError`) what is wrong with the arguments alone, before torch is imported."""
-        from rans.fast.learn.config import check_task
+        """Reject (`ConfigError`) what is wrong with the folders, before anything is prepared."""
         from rans.fast.learn.run_folder import RunFolder
 
-        if self.resume is not None:
-            if not self.resume.exists():
-                near = meant_file(self.resume)
-                raise ConfigError(
-                    f"{self.resume} is not a run folder: there is nothing of that name{near}."
-                )
-            rest = tuple(change for change in self.set if not change.startswith("plain="))
-            own = replace(self, resume=None, total_timesteps=None, set=rest)
-            if own != Train():
-                raise ConfigError(
-                    "--resume reads everything from the run folder but the number of steps, which "
-                    "--total-timesteps N raises; give no other options. To change more, start again with "
-                    f"rans train {self.resume / 'config.json'}."
-                )
-            RunFolder(self.resume).config()
+        if self.resume is None:
+            if self.output is not None:
+                RunFolder(self.output).check_unused()
             return
-        if self.output is not None:
-            RunFolder(self.output).check_unused()
-        if self.task is None:
+        if not self.resume.exists():
+            near = meant_file(self.resume)
             raise ConfigError(
-                "say what to train: a task, such as go-to-pose, the config.json of a run, or --resume RUN to "
-                "train on."
+                f"{self.resume} is not a run folder: there is nothing of that name{near}."
             )
-        if not self.task.endswith(".json"):
-            check_task(typed(self.task))
-        if self.spacecraft is not None:
-            load_spacecraft(typed(self.spacecraft))
-        if self.conditions is not None:
-            load_conditions(typed(self.conditions))
+        rest = tuple(change for change in self.set if not change.startswith("plain="))
+        own = replace(self, resume=None, total_timesteps=None, set=rest)
+        if own != Train():
+            raise ConfigError(
+                "--resume reads everything from the run folder but the number of steps, which "
+                "--total-timesteps N raises; give no other options. To change more, start again with "
+                f"rans train {self.resume / 'config.json'}."
+            )
+        RunFolder(self.resume).config()
 
     def begun(self) -> TrainConfig:
         """Config of the training, which as it comes begins from the agent for any craft."""
@@ -155,10 +140,14 @@ class Train(Options):
 
     def resolved(self) -> TrainConfig:
         """Config of a preset or of another run, with the changes of the options."""
-        self._check()
+        if self.task is None:
+            raise ConfigError(
+                "say what to train: a task, such as go-to-pose, the config.json of a run, or --resume RUN to "
+                "train on."
+            )
         changes = _changes(self.set)
         return config_of(
-            typed(str(self.task)),
+            typed(self.task),
             self.spacecraft,
             self.device,
             self.conditions,
@@ -183,31 +172,23 @@ class Train(Options):
             with StopGently() as stop:
                 trainer.train(stop=stop)
             return stop.code
-        return self._shown(trainer)
-
-    def _shown(self, trainer: Trainer) -> int:
-        """Train, and make what follows: summary, what others reach, and page."""
         begun_at = trainer.steps
+        console = Terminal()
         if trainer.imitates and trainer.steps == 0:
-            Terminal().say(
+            console.say(
                 f"This training imitates {trainer.imitates}, and ends as soon as that solves the task. "
                 "Reinforcement learning from random weights: add --rl."
             )
-        showing = TrainingProgress(trainer.config.total_timesteps)
-        with showing as progress, StopGently() as stop:
+        with TrainingProgress(trainer.config.total_timesteps) as progress, StopGently() as stop:
             trainer.train(progress.show, stop)
-        Terminal().say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
-        if stop.requested:
-            if trainer.ended:
-                Terminal().suggest(*self._next(trainer))
-            return stop.code
-        if trainer.steps > begun_at and _is_compared(trainer):
-            _compare(trainer)
+        console.say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
         # No page has the safety filter.
-        if not trainer.config.guard and (page := _live_page(trainer.run.path)):
-            Terminal().say(f"Open {page} in a browser to see it fly.")
-        Terminal().suggest(*self._next(trainer))
-        return 0
+        is_shown = not (stop.requested or trainer.config.guard)
+        if is_shown and (page := _live_page(trainer.run.path)):
+            console.say(f"Open {page} in a browser to see it fly.")
+        if not stop.requested or trainer.ended:
+            console.suggest(*self._next(trainer))
+        return stop.code
 
     def _next(self, trainer: Trainer) -> list[str]:
         """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`)."""
@@ -223,10 +204,9 @@ class Train(Options):
             rivals.append(f"{contestant}:{config.task}-{craft.dimension}d@{config.spacecraft}")
         if config.settings.draws_trade_off:
             rivals = [f"{rival}#{value}" for value in ("0", "0.5") for rival in rivals]
-        options = [*same, "--episodes", "16", "--certified", "2"]
         commands = [
             shlex.join(["rans", "evaluate", path, *same]),
-            shlex.join(["rans", "compare", *rivals, *options]),
+            shlex.join(["rans", "compare", *rivals, *same]),
         ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
         if is_quick and self.task is not None and self.resume is None:
@@ -314,52 +294,6 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
         )
         text += f" {advice} Its learning curve: {shlex.join(['rans', 'report', str(path)])}"
     return text
-
-
-_COMPARED = 64
-"""Flights of each contestant after a training."""
-_MUCH = 1_000_000
-"""Steps from which a training that has not solved its task is compared all the same."""
-
-
-def _is_compared(trainer: Trainer) -> bool:
-    """Whether the agent for any craft could replace a training, and this one has come far enough to be compared."""
-    from rans.policy.timing import flies_to_a_pose
-
-    config = trainer.config
-    if not trainer.solved and trainer.steps < _MUCH:
-        return False
-    is_nominal = not config.guard and config.conditions.or_none is None
-    return is_nominal and flies_to_a_pose(config.settings, trainer.engine.craft)
-
-
-def _compare(trainer: Trainer) -> None:
-    """Fly agent, any craft, LQR and switching control from the same new starts, and say what to take."""
-    from rans.evaluation.compare.entrants import contest_of, enlisted
-    from rans.evaluation.compare.run import Comparison
-    from rans.pretrained import FOR_ANY_CRAFT
-    from rans.scenario import TRAINED_SEED
-    from rans.show.tables.comparison_tables import no_better, verdict
-
-    path = str(trainer.run.path)
-    agent = FOR_ANY_CRAFT[trainer.engine.craft.dimension]
-    own = inside(trainer.run.path, "spacecraft.toml")
-    with doing("flying others from the same starts", in_log=False), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RansWarning)  # evaluations of the agents say them
-        comparison = Comparison(contest_of(path, _COMPARED, TRAINED_SEED))
-        flying = enlisted([path], comparison.contest)
-        with contextlib.suppress(ConfigError):  # what any craft cannot fly
-            names = [f"{agent}{value}@{own}" for value in ("", "#0", "#0.5")]
-            flying |= enlisted(names, comparison.contest)
-        comparison.fly(flying, ("lqr", "switching"), 0, workers=1)
-    console = Terminal()
-    if who := no_better(comparison, agent):
-        again = shlex.join(["rans", "evaluate", f"{who}@{trainer.config.spacecraft}"])
-        console.say(
-            f"This agent is neither quicker nor cheaper than {who}, which needs no training: {again}"
-        )
-    for sentence in verdict(comparison):
-        console.say(sentence)
 
 
 def _live_page(path: Path) -> Path | None:

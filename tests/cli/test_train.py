@@ -302,16 +302,3 @@ def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) ->
     Path("config.json").write_text(json.dumps(to_table(Train("go-to-pose").resolved())))
     assert Train("config.json").resolved().device == "cpu"
     assert Train("config.json", device="cuda").resolved().device == "cuda"
-
-
-def test_a_training_is_compared_with_what_flies_without_one(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """An agent of 8,192 steps spends half of all thrust and never settles: the one for any craft is better."""
-    monkeypatch.setattr(train, "_MUCH", 1)
-    monkeypatch.setattr(train, "_COMPARED", 6)
-    assert main(["train", "go-to-pose", "--total-timesteps", "8192", "--output", "run"]) == 0
-    printed = capsys.readouterr().out
-    said = " ".join(printed.split())
-    assert "neither quicker nor cheaper than any-craft-2d#0.4, which needs no training" in said
-    assert said.index("neither quicker") < said.index("Take any-craft")

@@ -236,17 +236,6 @@ def dominations(comparison: Comparison) -> list[tuple[str, str]]:
     return [pair for pair, sign in signs if sign == (-1, -1) and pair[0] in reliable]
 
 
-def no_better(comparison: Comparison, agent: str) -> str:
-    """Name of a contestant of an agent than which the first one is neither quicker nor cheaper; "" without one."""
-    first, *others = comparison.entries
-    signs = _signs(comparison)
-    for one in others:
-        is_reliable = np.isfinite(_times(one)).all()
-        if agent in one.name and is_reliable and min(signs.get((first.name, one.name), (-1,))) >= 0:
-            return one.name
-    return ""
-
-
 def verdict(comparison: Comparison) -> list[str]:
     """What to take, in at most three sentences, by time, impulse and lost flights; none with one contestant.
 

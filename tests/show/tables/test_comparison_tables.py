@@ -17,7 +17,6 @@ from rans.show.tables.comparison_tables import (
     RETURN,
     dominations,
     gaps,
-    no_better,
     scoreboard,
     to_json,
     verdict,
@@ -100,13 +99,6 @@ def test_a_comparison_says_first_whom_to_take(
     assert relation in first
     assert len(rest) <= 2
     assert ("idle (0 %)" in " ".join(rest)) == ("idle" in others)
-
-
-def test_who_is_no_better_than_an_agent_is_said_so() -> None:
-    assert no_better(beside(x=(6.0, 2.0)), "x") == ""  # ours is quicker
-    assert no_better(beside(x=(5.0, 3.0)), "x") == "x"
-    assert no_better(beside(x=(4.0, 2.0)), "y") == ""
-    assert no_better(beside(x=(1e3, 2.0)), "x") == ""  # it loses flights
 
 
 def test_who_does_not_always_arrive_dominates_nobody() -> None:
