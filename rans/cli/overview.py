@@ -97,7 +97,7 @@ def rows_of(
         width: number of the cells.
         names: those of the rows; None: all.
     """
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name in registry if names is None else names:
         try:
             found = cells(name)
