@@ -179,25 +179,19 @@ class FlightAccumulator:
     """First instant since which the flight is inside without interruption, int."""
     effort: Effort | None = None
     """Return and effort; None: not computed."""
-    worst: tuple[Field, ...] = ()
-    """Largest error of the last fifth for each tolerance of the task, in their order, SI units; empty: not
-    computed."""
     won: Field | None = None
     """Whether the mission was won; None: the task cannot be won."""
     violated: Field | None = None
     """Whether a constraint was violated; None: the task has none."""
 
     @classmethod
-    def begin(
-        cls, setting: Setting, episode: Episode, effort: bool = False, worst: bool = False
-    ) -> FlightAccumulator:
+    def begin(cls, setting: Setting, episode: Episode, effort: bool = False) -> FlightAccumulator:
         """Verdict at the start of flights.
 
         Args:
             setting: craft, task and timing.
             episode: flights at instant 0.
             effort: whether to compute return and effort.
-            worst: whether to compute the largest errors.
         """
         never = episode.clock < 0
         zero = episode.clock * 0.0
@@ -211,7 +205,6 @@ class FlightAccumulator:
             left=never,
             settled=where(inside, episode.clock * 0, 1),
             effort=Effort(zero, zero, zero) if effort else None,
-            worst=(zero,) * len(task.tolerances()) if worst else (),
             won=None if task.done(episode.state, episode.goal) is None else never,
             violated=never if task.constraints(episode.state, episode.goal) else None,
         )
@@ -230,14 +223,7 @@ class FlightAccumulator:
         effort = self.effort
         if effort is not None:
             effort = effort.after(setting, outcome, running, lost, late)
-        worst = self.worst
-        if worst:
-            errors = setting.task.errors(outcome.episode.state, outcome.episode.goal)
-            worst = tuple(
-                where(late & running & (errors[name] > largest), errors[name], largest)
-                for name, largest in zip(setting.task.tolerances(), worst, strict=True)
-            )
-        return replace(new, effort=effort, worst=worst, violated=violated)
+        return replace(new, effort=effort, violated=violated)
 
     def at(
         self,
@@ -248,7 +234,7 @@ class FlightAccumulator:
         lost: Field,
         done: Field | None,
     ) -> FlightAccumulator:
-        """Verdict at the next instant, without effort, largest errors and violations.
+        """Verdict at the next instant, without effort and violations.
 
         Args:
             instant: number of the instant.

@@ -148,11 +148,19 @@ class Flights:
 
     def _stepped(self, seed: int, numbers: np.ndarray) -> FlightStatistics:
         """Statistics of the batch with these numbers (N,), flown step by step where no kernel can."""
-        verdict = self.judged(self.draws(seed, numbers), effort=True)
+        world = self.world
+        verdict = None
+        # A state that is not finite continues and may overflow; it is not counted.
+        with np.errstate(all="ignore"):
+            for episode, outcome in self.steps(self.draws(seed, numbers)):
+                if verdict is None:
+                    verdict = FlightAccumulator.begin(world, episode, effort=True)
+                verdict = verdict.after(world, outcome)
+        assert verdict is not None, "an episode has at least one step"
         values = (verdict.failure(), verdict.settled, *leaves(verdict.effort))
         arrays = [torch.as_tensor(x).cpu().numpy() for x in values]
         return FlightStatistics.of(
-            self.world,
+            world,
             numbers,
             arrays[:2],
             arrays[2:],
@@ -164,25 +172,6 @@ class Flights:
         """Random numbers of the scenarios with these numbers (N,) int32 of a seed, on the device."""
         first = self.backend.put(numbers, torch.int32)
         return Draws(*seed_words(seed), first, 0, self.backend.fields)
-
-    def judged(self, draws: Draws, effort: bool = False, worst: bool = False) -> FlightAccumulator:
-        """Verdict on N flights, flown step by step, with fields (N,) on the device.
-
-        Args:
-            draws: random numbers of the flights (`draws`).
-            effort: whether to compute return and effort.
-            worst: whether to compute the largest errors.
-        """
-        world = self.world
-        verdict = None
-        # A state that is not finite continues and may overflow; it is not counted.
-        with np.errstate(all="ignore"):
-            for episode, outcome in self.steps(draws):
-                if verdict is None:
-                    verdict = FlightAccumulator.begin(world, episode, effort, worst)
-                verdict = verdict.after(world, outcome)
-        assert verdict is not None, "an episode has at least one step"
-        return verdict
 
     @torch.no_grad()
     def steps(self, draws: Draws) -> Iterator[tuple[Episode, Outcome]]:

@@ -169,7 +169,7 @@ def assure(
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.assure.bounds import plan
     from rans_assurance.assure.campaign import Campaign
-    from rans_assurance.assure.search import check_unit
+    from rans_assurance.assure.search import FLIGHTS, check_search
 
     # What is wrong is refused before anything flies.
     again = whole("worst", worst, least=0)
@@ -189,8 +189,7 @@ def assure(
     unit = None
     if search:
         unit = load_conditions(search, craft)
-        check_unit(search, unit)
-        assurance.check_has_network()
+        check_search(search, unit, assurance.run.controller)
     if output is not None:
         assurance.write_into(ready_folder(Path(output)))
     # Of torchrun's processes the others only fly.
@@ -228,8 +227,7 @@ def assure(
         stage("failed flights again", None)
         assurance.replay(again, again)
         if search and unit:
-            stage("the worst case", None)
-            assurance.search(search, unit, processor)
+            assurance.search(search, unit, stage("the worst case", FLIGHTS))
     return assurance
 
 

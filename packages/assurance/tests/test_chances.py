@@ -6,23 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
-from rans_assurance.assure.chances import Chances, Chosen, scored, sized
+from rans_assurance.assure.chances import Chances, Chosen, sized
 from rans_assurance.assure.replay import drawing
-from scipy.stats import norm
 
 from rans.episode import Setup
-from rans.evaluation.fly.agent import Agent, LoadedRun
+from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.episodes import fly_draws
-from rans.evaluation.measure.metrics import worst_errors
-from rans.fast.flights import Flights
-from rans.fast.stepping.step import Backend
 from rans.model.fields import leaves
 from rans.model.random import Random
 from rans.randomization.conditions import BodyConditions, Conditions, SensorsConditions
 from rans.randomization.conditions_file import load_conditions
-
-COUNT = 64
 
 
 def _hashed(chances: Chances, seed: int, numbers: np.ndarray) -> np.ndarray:
@@ -51,26 +44,6 @@ def test_given_the_numbers_that_a_scenario_draws_a_flight_is_that_scenario(
         len(chances.places) == 6
     )  # bearing, distance, attitude, goal's attitude; mass and inertia
     np.testing.assert_array_equal(np.stack(leaves(ours.states)), np.stack(leaves(theirs.states)))
-
-
-@pytest.mark.slow
-def test_scores_are_the_largest_errors_of_the_last_fifth(robust: LoadedRun, setup: Setup) -> None:
-    chances = Chances.of(setup)
-    agent = robust.controller
-    random = np.random.default_rng(0)
-    z = random.standard_normal((len(chances.places), COUNT))
-    number = np.arange(COUNT, dtype=np.int32)
-    assert isinstance(agent, Agent)
-    network = agent.network
-    score = chances.scores(network, torch.device("cpu"))(z, number)
-    exact = worst_errors(fly_draws(agent, setup, chances.draws(norm.cdf(z), number)))[0]
-    # After 4 s all are still on their way: float32 has moved none by a thousandth.
-    np.testing.assert_allclose(score, exact, rtol=1e-3)
-    backend = Backend(torch.device("cpu"), torch.float32)  # tensors, as on a GPU
-    flights = Flights(network, setup, generated=False)
-    flights.backend = backend
-    tensors = scored(flights, chances.draws(norm.cdf(z), number, None, backend))
-    np.testing.assert_allclose(tensors, exact, rtol=1e-3)
 
 
 @pytest.mark.slow

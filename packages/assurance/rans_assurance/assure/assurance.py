@@ -22,7 +22,6 @@ from rans.extend import (
     ContestantName,
     Failure,
     LoadedRun,
-    Network,
     Processes,
     Progress,
     Section,
@@ -42,7 +41,7 @@ from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.replay import Replays, replays
-from rans_assurance.assure.search import Searched, on_device, searched
+from rans_assurance.assure.search import Searched, searched
 from rans_assurance.scope import Scope, scope
 from rans_assurance.sections.assurance import assurance_section
 
@@ -141,7 +140,8 @@ class Assurance:
         """Count flights until the plan ends, from the state of the first process; see `Campaign.fly`."""
         if processes.size > 1:
             self.campaign.go_on_from(processes.from_first(self.campaign.to_json()))
-        policy = self._network or self.run.controller
+        controller = self.run.controller
+        policy = controller.network if isinstance(controller, Agent) else controller
         self.campaign.fly(policy, self.run.judged, device, stages, keep, processes)
 
     def replay(self, worst: int, sample: int) -> None:
@@ -151,9 +151,7 @@ class Assurance:
             self.run.controller, self.run.judged, self.campaign.seed, numbers, worst, sample
         )
 
-    def search(
-        self, world: str, conditions: Conditions, device: str, progress: Progress = unseen
-    ) -> None:
+    def search(self, world: str, conditions: Conditions, progress: Progress = unseen) -> None:
         """Store in `searched` the smallest disturbance that breaks the agent.
 
         See `rans_assurance.assure.search.searched`.
@@ -162,31 +160,10 @@ class Assurance:
             world,
             conditions,
             self.run.controller,
-            on_device(self.check_has_network(), device),
             self.run.judged,
             self.campaign.seed,
             progress,
         )
-
-    @property
-    def _network(self) -> Network | None:
-        """Network of a trained agent; None for another controller."""
-        controller = self.run.controller
-        return controller.network if isinstance(controller, Agent) else None
-
-    def check_has_network(self) -> Network:
-        """Network of the agent, which the search for the smallest disturbance needs.
-
-        Raises:
-            ConfigError: the contestant is no trained agent.
-        """
-        network = self._network
-        if network is None:
-            raise ConfigError(
-                "the search for the worst case needs an agent that RANS trained; "
-                f"{self.spec} is another controller."
-            )
-        return network
 
     def view(self, number: int) -> str:
         """Command that shows a flight again."""

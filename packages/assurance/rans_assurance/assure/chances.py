@@ -6,21 +6,13 @@ which are given here. Numbers that sensors draw in every step follow from the nu
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
-from functools import reduce
 from typing import Any
 
 import numpy as np
-import torch
-from scipy.special import ndtr
 
-from rans.extend import Draws, Field, Flights, Network, Random, Setup, World, bounds, floor, where
-from rans.fast.flights import BATCH
-from rans.fast.stepping.step import Backend
-from rans.fast.threads import one_thread
-from rans.processes import processors
+from rans.extend import Draws, Field, Random, Setup, World, bounds, floor
 from rans.randomization.sensors import PER_STEP
 from rans.structure import is_range
 
@@ -153,11 +145,7 @@ class Chances:
         return cls(setup, tuple(sorted(noted)))
 
     def draws(
-        self,
-        units: np.ndarray,
-        number: np.ndarray,
-        size: np.ndarray | None = None,
-        backend: Backend | None = None,
+        self, units: np.ndarray, number: np.ndarray, size: np.ndarray | None = None
     ) -> Chosen:
         """Random numbers of N episodes.
 
@@ -165,80 +153,18 @@ class Chances:
         and the number of the episode.
 
         Args:
-            units: (D, N) in [0, 1), as many as there are places.
+            units: (D, N) in [0, 1], as many as there are places.
             number: (N,) int32 numbers of the episodes, from which the numbers of sensors follow.
             size: (N,) factors on the conditions; see `Chosen`.
-            backend: library of flights in float32; None: NumPy in float64.
         """
-        # float32 would round the largest numbers up to 1, which draws never are.
+        # A distribution's tail rounds up to 1, which draws never are.
         units = np.minimum(units, 1.0 - 2.0**-24)
-        if backend is None:
-            return Chosen(
-                low=0,
-                high=0,
-                first=number,
-                stride=0,
-                dtype=np.float64,
-                given=dict(zip(self.places, units, strict=True)),
-                size=size,
-            )
-        rows = [backend.put(row, torch.float32) for row in units]
         return Chosen(
             low=0,
             high=0,
-            first=backend.put(number, torch.int32),
+            first=number,
             stride=0,
-            dtype=backend.fields,
-            given=dict(zip(self.places, rows, strict=True)),
-            size=None if size is None else backend.put(size, torch.float32),
+            dtype=np.float64,
+            given=dict(zip(self.places, units, strict=True)),
+            size=size,
         )
-
-    def scores(self, network: Network, device: torch.device) -> Callable[..., np.ndarray]:
-        """A function of standard normal numbers (D, N), numbers (N,) of episodes and sizes, (N,) or None.
-
-        It gives the largest error of the last fifth in tolerances, (N,): from 1 on a flight is not solved. It
-        is infinite where the flight failed (`rans.verdict`). The network is on the device.
-        """
-        flights = Flights(network, self.setup, device, generated=False)
-        backend = flights.backend
-        batch = BATCH[device.type]
-        workers = processors() if backend.on_numpy else 1
-
-        def score(z: np.ndarray, number: np.ndarray, size: np.ndarray | None = None) -> np.ndarray:
-            """(N,) scores of normal numbers z (D, N) and episode numbers (N,), flown in parts by threads.
-
-            Sizes (N,) scale conditions.
-            """
-            parts = [slice(k, k + batch) for k in range(0, len(number), batch)]
-            jobs = [
-                self.draws(
-                    ndtr(z[:, part]), number[part], size if size is None else size[part], backend
-                )
-                for part in parts
-            ]
-            with one_thread(), ThreadPoolExecutor(workers) as pool:
-                return np.concatenate([*pool.map(lambda draws: scored(flights, draws), jobs)])
-
-        return score
-
-
-def scored(flights: Flights, draws: Draws) -> np.ndarray:
-    """Largest error of the last fifth in tolerances, (N,); infinite where a flight failed.
-
-    A flight of 1 is at the edge of its tolerances.
-    """
-    verdict = flights.judged(draws, worst=True)
-    tolerances = flights.world.task.tolerances().values()
-    ratios = [
-        worst * (1.0 / tolerance)
-        for worst, tolerance in zip(verdict.worst, tolerances, strict=True)
-    ]
-    worst = reduce(_larger, ratios)
-    return np.asarray(
-        torch.as_tensor(where(verdict.failed, np.inf, worst)).cpu(),
-        dtype=np.float64,
-    )
-
-
-def _larger(a: Field, b: Field) -> Field:
-    return where(a > b, a, b)
