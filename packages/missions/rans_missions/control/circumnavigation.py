@@ -20,6 +20,7 @@ from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import carried
 from rans_missions.tasks.hold import Hold, HoldPlan
 from rans_missions.tasks.inspect import Inspect
+from rans_missions.team.coasts import coasts_apart
 from rans_missions.vectors import motion_of
 
 _HALF_WIDTH = 30.0
@@ -75,7 +76,8 @@ class Circumnavigation(VelocityGuidance[Inspect]):
     (`rans_missions.convex.inspecting`), about a second of a core.
 
     Deputies of an `rans_missions.team.task.InspectTeam` are searched together, in about three seconds: points are
-    divided by who sees each best, and the end is the one of several that is cheapest.
+    divided by who sees each best, and the end is the one of several that is cheapest. Of the flights found, the
+    cheapest is flown whose deputies stay apart also if all thrusters shut after any of its burns.
 
     Errors of more than 1 mm/s are corrected on the way. If a flight has ended and too little was seen, the next one
     is searched. Once enough has been seen, or while no flight is found, the craft goes to a point behind the target
@@ -248,8 +250,26 @@ class Circumnavigation(VelocityGuidance[Inspect]):
             scanned = [(one.best([one.coast], 0), k) for k, one in enumerate(searches)]
             cheap = sorted(((burns.price, k) for burns, k in scanned if burns is not None))
             searches = [searches[k] for _, k in cheap[:_BEST]] or [whole]
-        found = [one.best(self._beginnings(one, sun), _HOPS) for one in searches]
-        return min(filter(None, found), key=lambda burns: burns.price, default=None)
+
+        def is_safe(burns: Burns) -> bool:
+            return self._coasts_apart(starts, burns) >= self._apart + _BESIDE
+
+        found = [one.best(self._beginnings(one, sun), _HOPS, is_safe) for one in searches]
+        return min(
+            filter(None, found), key=lambda burns: (not is_safe(burns), burns.price), default=None
+        )
+
+    def _coasts_apart(self, starts: np.ndarray, burns: Burns) -> float:
+        """Least distance of two deputies on coasts after each burn of a flight from starts (D, 6), m."""
+        states, last = starts, 0.0
+        after = []
+        for period, changes in zip(burns.periods, np.moveaxis(burns.changes, 1, 0), strict=True):
+            middle = self._period * (period + 0.5)
+            states = carried(self.task.mean_motion, states, np.full(len(starts), middle - last))
+            states = states + np.pad(changes, ((0, 0), (3, 0)))
+            after.append(states)
+            last = middle
+        return coasts_apart(self.task.mean_motion, np.reshape(after, (-1, *starts.shape)))
 
     def _beginnings(self, search: InspectionSearch, sun: float) -> list[np.ndarray]:
         """Paths (D, T, 3), m, from which a search begins: the coast, and ways of a craft to ellipses."""

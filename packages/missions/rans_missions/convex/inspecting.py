@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -172,12 +172,18 @@ class InspectionSearch:
         enough = lit.sum(axis=1) >= self._asked
         return float(self._grid.times[enough.argmax()]) if enough.any() else math.inf
 
-    def best(self, paths: Sequence[np.ndarray], hops: int) -> Burns | None:
-        """The cheapest flight that the search finds; None: it finds none.
+    def best(
+        self,
+        paths: Sequence[np.ndarray],
+        hops: int,
+        is_safe: Callable[[Burns], bool] = lambda burns: True,
+    ) -> Burns | None:
+        """The cheapest flight that the search finds, a safe one if there is any; None: it finds none.
 
         Args:
             paths: paths from which it begins, (D, T, 3) each at `times`, m; none need be flown or inspect anything.
             hops: number of times that it begins again from the best flight, changed at random.
+            is_safe: whether a flight keeps what no program has as a constraint.
         """
         found = [one for one in (self._descend(self._grid, path) for path in paths) if one]
         if not found:
@@ -186,9 +192,16 @@ class InspectionSearch:
         random = np.random.default_rng(0)
         for _ in range(hops):
             other = self._hop(best, random)
-            if other is not None and other.price < best.price:
-                best = other
-        return self._polished(best)
+            if other is not None:
+                found.append(other)
+                best = min(best, other, key=lambda one: one.price)
+        cheapest = None
+        for one in sorted(found, key=lambda one: one.price):
+            flight = self._polished(one)
+            if flight is not None and is_safe(flight):
+                return flight
+            cheapest = cheapest or flight
+        return cheapest
 
     def _hop(self, best: _Found, random: np.random.Generator) -> _Found | None:
         """Begin again from a flight that sees a dear point at another time, or with other burns.

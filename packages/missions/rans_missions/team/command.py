@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.integrate import solve_ivp
 
 from rans.extend import (
     EVALUATION_SEED,
@@ -24,13 +23,10 @@ from rans.extend import (
     whole,
 )
 from rans_missions.control.circumnavigation import Circumnavigation
-from rans_missions.orbits.earth import EARTH
 from rans_missions.team.bound import team_bound
+from rans_missions.team.coasts import coasts_apart
 from rans_missions.team.task import InspectTeam
 from rans_missions.vectors import motion_of
-
-_STEP = 20.0
-"""Time between instants of coasts, s."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +46,7 @@ class TeamFlights:
     apart: np.ndarray
     """Least distance of two deputies at a check, m; infinite for one deputy."""
     coasts: np.ndarray
-    """Least distance of two deputies in two-body gravity on coasts of an orbit after all thrusters shut, m."""
+    """Least distance of two deputies on coasts after a burn (`rans_missions.team.coasts`), m; infinite: no burn."""
 
 
 def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> TeamFlights:
@@ -89,7 +85,9 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
             bounds.append(
                 team_bound(craft, task, [one.start for one in each], each[0].goal, duration, timing)
             )
-            flown = states[: int(flight.lengths[first]) + 1, rows]
+            length = int(flight.lengths[first])
+            burnt = flight.commands[:length, rows].any(axis=(1, 2)).cumsum() > 0
+            flown = states[1 : length + 1, rows][burnt]
             coasts.append(coasts_apart(task.mean_motion, flown))
             step(1)
     return TeamFlights(
@@ -101,42 +99,6 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
         apart.min(axis=0)[::deputies] + task.keep_apart,
         np.array(coasts),
     )
-
-
-def coasts_apart(mean_motion: float, states: np.ndarray) -> float:
-    """Least distance between deputies if all thrusters shut at any of T instants, for an orbit in two-body gravity.
-
-    It is that at instants 20 s apart, m; infinite for one deputy.
-
-    Args:
-        mean_motion: mean motion n of the target's orbit, rad/s.
-        states: states in the Hill frame, (T, D, 6).
-    """
-    # From the Hill frame to axes that do not turn, where the target is at (r, 0, 0) with n r along y.
-    radius = (EARTH / mean_motion**2) ** (1.0 / 3.0)
-    p = states[..., :3] + np.array([radius, 0.0, 0.0])
-    v = states[..., 3:] + np.cross([0.0, 0.0, mean_motion], p)
-    pairs = np.triu_indices(states.shape[1], 1)
-    if not len(pairs[0]):
-        return math.inf
-
-    def motion(_: float, both: np.ndarray) -> np.ndarray:
-        p, v = both.reshape(2, -1, 3)
-        pull = -EARTH * p / np.linalg.norm(p, axis=1, keepdims=True) ** 3
-        return np.concatenate([v, pull], axis=None)
-
-    period = 2.0 * math.pi / mean_motion
-    coasts = solve_ivp(
-        motion,
-        (0.0, period),
-        np.concatenate([p, v], axis=None),
-        "DOP853",
-        np.arange(0.0, period, _STEP),
-        rtol=1e-10,
-        atol=1e-6,
-    )
-    flown = coasts.y[: p.size].reshape(*p.shape, -1)
-    return float(np.linalg.norm(flown[:, pairs[0]] - flown[:, pairs[1]], axis=2).min())
 
 
 @command_of(team)

@@ -90,7 +90,13 @@ class InspectTeam(Inspect):
 
     def visible(self, goal: State, state: State) -> list[Field]:
         """Whether each point is lit and within the view of any deputy, one field per point."""
-        return [self._together(operator.or_, alone) for alone in super().visible(goal, state)]
+        alone = super().visible(goal, state)
+        # All points at once: an operation of torch takes as long for one of them.
+        if isinstance(alone[0], np.ndarray):
+            return list(self._together(operator.or_, np.stack(alone)))
+        from torch import stack  # it takes seconds, which NumPy needs not
+
+        return list(self._together(operator.or_, stack(alone)))
 
     def constraints(self, state: State, goal: State) -> dict[str, Field]:
         """Least distances of the team from the keep-out ball, from the end of the zone, and from one another, m."""

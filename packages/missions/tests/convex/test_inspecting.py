@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -20,14 +21,16 @@ WITHIN = 6_000.0
 STARTS: list[Any] = list(each(scenarios(Inspect(), DEPUTY, seed=5, count=4)))
 
 
-def searched(task: Inspect, start: Any) -> Burns:
+def searched(
+    task: Inspect, start: Any, is_safe: Callable[[Burns], bool] = lambda burns: True
+) -> Burns:
     """What the search finds from the flight without a burn."""
     known = np.zeros(task.points, bool)
     sun = float(start.goal.notes.sun)
     search = InspectionSearch(
         task, task.timing, state_of(start)[None], sun, known, WITHIN, 20.0 / MASS, 0.05, 0.2
     )
-    found = search.best([search.coast], 8)
+    found = search.best([search.coast], 8, is_safe)
     assert found is not None
     return found
 
@@ -67,3 +70,11 @@ def test_a_start_whose_coast_inspects_enough_needs_no_burn() -> None:
     assert burns.price == 0.0
     assert len(burns.periods) == 0
     assert burns.finish == 10.0
+
+
+def test_the_cheapest_safe_flight_is_flown_and_else_the_cheapest() -> None:
+    task = Inspect(points=20)
+    cheapest = searched(task, STARTS[2]).price
+    dearer = searched(task, STARTS[2], lambda burns: burns.price > 1.01 * cheapest).price
+    assert 1.01 * cheapest < dearer < 1.2 * cheapest
+    assert searched(task, STARTS[2], lambda burns: False).price == cheapest

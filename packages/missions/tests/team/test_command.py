@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rans_missions.team.command import coasts_apart, team
+from rans_missions.team.coasts import coasts_apart
+from rans_missions.team.command import team
 
 N = 0.001027
 
