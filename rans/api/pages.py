@@ -55,7 +55,8 @@ class Replay:
     def save(self, file: str | Path) -> Path:
         """Write the flights to a file and return it: a page, a film or a picture, by the ending of its name.
 
-        A page replays offline, a film has all flights side by side, and a picture ten instants of the first one.
+        A page replays offline, a film has all flights side by side, and a picture path, errors and thrusters of the
+        first one.
 
         Raises:
             ConfigError: the name has another ending, a package is missing, or the disk refused.
@@ -71,9 +72,10 @@ class Replay:
             with watched() as stage:
                 save_video(self.flights, file, stage)
         else:
-            from rans.show.film import save_frames
+            from rans.show.figures.figures import episode_figure
+            from rans.show.figures.picture_file import save_picture
 
-            save_frames(self.flights[0], 0, file)
+            save_picture(episode_figure(self.flights[0]), file)
         return file
 
     def open(self) -> str:
@@ -127,7 +129,7 @@ def view(
         engine: see `rans.api.judging.evaluate`.
         trust: see `rans.api.judging.compare`.
         save: file to write the flights to: .html is a page that replays them offline and without RANS, .mp4 or .gif
-            a film of all side by side, .png or .jpg one picture of ten instants of the first.
+            a film of all side by side, .png, .svg or .pdf path, errors and thrusters of the first.
         guard: see `rans.api.judging.evaluate`.
         start: see `rans.api.judging.evaluate`.
         goal: see `rans.api.judging.evaluate`.
@@ -165,14 +167,13 @@ def checked_kind(file: Path) -> Literal["page", "film", "picture"]:
         ".mp4": "film",
         ".gif": "film",
         ".png": "picture",
-        ".jpg": "picture",
-        ".jpeg": "picture",
-        ".webp": "picture",
+        ".svg": "picture",
+        ".pdf": "picture",
     }
     kind = endings.get(file.suffix.lower())
     if kind is None:
         raise ConfigError(
-            "save writes a page (.html), a film (.mp4 or .gif) or a picture (.png or .jpg), by the ending of "
+            "save writes a page (.html), a film (.mp4 or .gif) or a picture (.png, .svg or .pdf), by the ending of "
             f"the file's name, got {str(file)!r}."
         )
     if kind == "film":

@@ -1,4 +1,4 @@
-"""Flights as a film, side by side, or one of them as ten frames in one picture, drawn by `rans.drawing.Scene`."""
+"""Flights as a film, side by side, drawn by `rans.drawing.Scene`."""
 
 from __future__ import annotations
 
@@ -44,10 +44,6 @@ _ENCODER = {
 }
 _REST = 2.0
 """The film goes on so long after the last has solved its task, s."""
-_ROWS = 2
-_COLUMNS = 5
-_FRAME = (480, 420)
-"""Width and height of one of the ten frames, pixels."""
 _HEAD = 0.15
 """Part of the height for what stands above a frame."""
 _INK = "#1F2933"
@@ -103,23 +99,6 @@ def save_video(flights: Sequence[Flight], file: Path, stages: Stages = unseen_st
     replace_file(file, lambda draft: _encode(draft, size, ending, frames()))
 
 
-def save_frames(flight: Flight, episode: int, file: Path) -> None:
-    """Write the picture: ten instants from the start to shortly after the goal is reached, or the end.
-
-    Written into every frame are the time and the task's errors. `ConfigError` if Pillow does not know the format by
-    the file's name, or the disk refused.
-    """
-    if file.suffix.lower() not in Image.registered_extensions():
-        raise ConfigError(f"cannot tell a picture's format from the name {file.name!r}; use .png.")
-    width, height = _FRAME
-    shown = Episode(flight, episode, width, height)
-    picture = Image.new("RGB", (_COLUMNS * width, _ROWS * height), "white")
-    for index, k in enumerate(shown.instants(_ROWS * _COLUMNS)):
-        row, column = divmod(index, _COLUMNS)
-        picture.paste(shown.picture(k), (column * width, row * height))
-    replace_file(file, lambda draft: picture.save(draft, optimize=True))
-
-
 class Episode:
     """Frames of one episode of a flight, by its index in the batch, up to its end or its failure."""
 
@@ -151,13 +130,6 @@ class Episode:
     def instant(self, time: float) -> int:
         """The last instant that is not after a time, s."""
         return int(np.searchsorted(self.times, time + 1e-9, side="right")) - 1
-
-    def instants(self, count: int) -> list[int]:
-        """So many instants, evenly spread up to 1 s after the task is solved for good."""
-        rest = round(1.0 / self.flight.timing.control_period)
-        last = len(self.times) - 1
-        end = max(min(last, self.solved + rest), min(last, count))
-        return np.rint(np.linspace(0, end, count)).astype(int).tolist()
 
     def error_texts(self, k: int) -> list[str]:
         """Errors at an instant, each with its unit."""

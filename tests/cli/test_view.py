@@ -99,10 +99,13 @@ def test_every_option_reaches_the_flights(
         return flight
 
     monkeypatch.setattr("rans.evaluation.fly.episodes.fly_episodes", flown)
-    monkeypatch.setattr("rans.show.film.save_frames", lambda *given: framed.append(given))
-    options = "--episodes 3 --seed 8 --engine drake --save ten.png --episode 4 --goal 1 0 0"
+    monkeypatch.setattr("rans.show.figures.figures.episode_figure", lambda flight: flight)
+    monkeypatch.setattr(
+        "rans.show.figures.picture_file.save_picture", lambda *given: framed.append(given)
+    )
+    options = "--episodes 3 --seed 8 --engine drake --save one.png --episode 4 --goal 1 0 0"
     assert main([*f"view lqr:go-to-pose-2d mpc:go-to-pose-2d {options}".split()]) == 0
     assert asked == [("LQR", 8, 3, "drake", 4, 1.0), ("MPC", 8, 3, "drake", 4, 1.0)]
-    [(flight, number, file)] = framed
-    assert (flight.controller, number, file) == ("LQR", 0, Path("ten.png"))
-    assert capsys.readouterr().out.startswith("ten.png shows LQR, MPC.\nNext:\n")
+    [(flight, file)] = framed
+    assert (flight.controller, file) == ("LQR", Path("one.png"))
+    assert capsys.readouterr().out.startswith("one.png shows LQR, MPC.\nNext:\n")

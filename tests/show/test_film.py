@@ -1,4 +1,4 @@
-"""Films and pictures of ten instants: as long as flights, with what happens in them, and never half of one."""
+"""Films: as long as flights, with what happens in them, and never half of one."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from PIL import Image
 from rans.errors import ConfigError
 from rans.flight import Flight
 from rans.show import film
-from rans.show.film import Episode, check_video, save_frames, save_video
+from rans.show.film import Episode, check_video, save_video
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.reference_flights import TRACKING, drifting
 
@@ -87,19 +87,6 @@ def test_a_missing_encoder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"\[video\]|imageio"):
         check_video(tmp_path / "film.mp4")
-
-
-def test_ten_instants_in_one_picture(tmp_path: Path) -> None:
-    """Each has its frame, whose flame is that of its instant alone; another format is a sentence."""
-    save_frames(drifting(TRACKING), 0, tmp_path / "ten.png")
-    picture = Image.open(tmp_path / "ten.png")
-    width, height = (picture.width // 5, picture.height // 2)
-    boxes = [(x * width, y * height) for y in range(2) for x in range(5)]
-    burning = [flames(picture.crop((x, y, x + width, y + height))) for x, y in boxes]
-    assert np.argmax(burning) == 1
-    assert sum(burning) < 1.5 * max(burning)
-    with pytest.raises(ConfigError, match=r"format from the name 'frames.xyz'; use .png"):
-        save_frames(drifting(TRACKING), 0, tmp_path / "frames.xyz")
 
 
 @pytest.mark.parametrize(
