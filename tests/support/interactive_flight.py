@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -19,21 +19,23 @@ from rans.show.pages.playground import interactive_world, may_move_goal
 
 
 class InteractiveFlight:
-    """One episode in float64, step by step, with several who may command it, after a delay in control periods."""
+    """One episode in float64, step by step, whose commands come after a delay in control periods."""
 
-    def __init__(self, runs: Sequence[LoadedRun], seed: int, episode: int = 0) -> None:
-        self.world = interactive_world(runs[0].judged)
-        self.controllers = [begin_flight(run.controller, 1) for run in runs]
-        self.active = 0
+    def __init__(
+        self, run: LoadedRun, seed: int, episode: int = 0, commands: Iterator[Any] | None = None
+    ) -> None:
+        self.world = interactive_world(run.judged)
+        self._controller = begin_flight(run.controller, 1)
+        self._commands = commands
         self.delay = 0.0
         self.dead: set[int] = set()
         self.stuck: set[int] = set()
         craft = self.world.craft
         samples = scenarios(self.world.task, craft, seed, 1, first=episode)
         self._episode = self.world.begin(samples.start, samples.goal, 0, None, Body.of(craft))
-        self._decided: tuple[tuple[float, ...], ...] = ()
-        self.command = (0.0,) * craft.command_count
-        self.controllers[0].reset(1)
+        self._decided: list[np.ndarray] = []
+        self.command = np.zeros(craft.command_count)
+        self._controller.reset(1)
 
     @property
     def state(self) -> Any:
@@ -63,22 +65,23 @@ class InteractiveFlight:
         episode = replace(self._episode, body=self._body())
         columns = world.observe(episode)
         observation = np.stack([np.broadcast_to(x, 1) for x in columns], axis=1).astype(np.float32)
-        answer = self.controllers[self.active].act(episode.state, episode.goal, observation)
-        self._decided = (*self._decided, tuple(float(x) for x in np.asarray(answer)[0]))
+        if self._commands is None:
+            answer = self._controller.act(episode.state, episode.goal, observation)[0]
+        else:
+            answer = next(self._commands)
+        self._decided.append(np.asarray(answer, dtype=float))
         # The command that reaches the thrusters now: of a period that begins with an older one, the mean of both.
         whole = math.floor(self.delay)
         late = self.delay - whole
-        self.command = tuple(
-            (1.0 - late) * now + late * before
-            for now, before in zip(self._before(whole), self._before(whole + 1), strict=True)
-        )
+        self.command = (1.0 - late) * self._before(whole) + late * self._before(whole + 1)
         outcome = step(world, episode, tuple(np.full(1, x) for x in self.command))
         self._episode = replace(outcome.episode, body=self._episode.body)
 
-    def _before(self, periods: int) -> tuple[float, ...]:
+    def _before(self, periods: int) -> np.ndarray:
         """The command that was decided so many control periods ago; shut before the first."""
-        shut = (0.0,) * self.world.craft.command_count
-        return self._decided[-1 - periods] if periods < len(self._decided) else shut
+        if periods < len(self._decided):
+            return self._decided[-1 - periods]
+        return np.zeros(self.world.craft.command_count)
 
     def _body(self) -> Body:
         """The craft with the thrusters that failed."""

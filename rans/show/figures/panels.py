@@ -5,6 +5,7 @@ Panels get flights as `rans.flight.Flight` has them: (T + 1, N) states in SI uni
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
@@ -128,6 +129,8 @@ def path(figure: SubFigure, flight: Flight, episode: int, zones: Zones) -> None:
     axes: Any = figure.add_subplot(projection="3d" if len(path) == 3 else None)
     if len(path) == 3:
         axes.quiver(*arrows, length=0.3, color=GREY, linewidth=1.0)
+        # Aside of the way from the start, which is a point to who looks along it.
+        axes.view_init(25.0, math.degrees(math.atan2(path[1][0], path[0][0])) + 60.0)
         axes.set_zlabel("z, m")
     else:
         axes.quiver(*arrows, color=GREY, angles="xy", scale=14.0, width=0.005, zorder=3)

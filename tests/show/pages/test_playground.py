@@ -29,7 +29,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.engine import Engine
 from rans.fast.learn.config import MemorySettings
-from rans.flight import Controller
 from rans.model.fields import leaves, wrap
 from rans.model.random import seed_words
 from rans.model.spacecraft_file import load_spacecraft
@@ -123,11 +122,9 @@ for (let k = 0; k < 40; ++k) {{
 console.log(JSON.stringify(taken));"""
     found = answer(script, tmp_path)
 
-    flight = InteractiveFlight([run], SEED, 5)
-    flight.delay = 1
     commands = iter([*(row["command"] for row in found[1:]), found[-1]["command"]])
-    repeated: list[Controller] = [Given(run.controller.name, commands)]
-    flight.controllers = repeated
+    flight = InteractiveFlight(run, SEED, 5, commands)
+    flight.delay = 1
     for k, row in enumerate(found):
         if k == 10:
             flight.dead.add(0)
@@ -139,20 +136,6 @@ console.log(JSON.stringify(taken));"""
             row["state"], np.ravel(leaves(flight.state)[: len(row["state"])]), rtol=0, atol=1e-9
         )
         assert row["errors"] == pytest.approx([*flight.errors().values()], abs=1e-9)
-
-
-class Given:
-    """A controller that repeats commands."""
-
-    def __init__(self, name: str, commands: Any) -> None:
-        self.name = name
-        self._commands = commands
-
-    def reset(self, count: int) -> None:
-        pass
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        return np.array([next(self._commands)])
 
 
 @needs_node
@@ -306,7 +289,7 @@ for (let k = 0; k < 40; ++k) {{
   taken.push({{command: flight.command, state: flight.carried.slice(0, DATA.goal)}});
 }}
 console.log(JSON.stringify(taken));"""
-    flight = InteractiveFlight([run], SEED, 5)
+    flight = InteractiveFlight(run, SEED, 5)
     for row in answer(script, tmp_path):
         flight.step()
         np.testing.assert_array_equal(row["command"], flight.command)
