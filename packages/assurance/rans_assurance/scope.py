@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -19,8 +19,6 @@ from rans.display import default, meanings
 from rans.extend import QUANTITIES, Conditions, Scenario, Setup, Task, counted, last_fifth, leaves
 from rans.tasks.derived import is_constrained
 
-_NAMED = 3
-"""Largest number of ranges of conditions in a sentence."""
 _NOMINAL = "nominal conditions"
 _TOGETHER = {
     "faults.count": ("faults.kinds", "faults.time", "faults.among", "faults.share"),
@@ -32,49 +30,25 @@ _UNIT = re.compile(r", (N m s|N m|N s|rad/s|m/s|rad|N|m|s)(?=[;,.]| \(|$)")
 _PARENTHESIS = re.compile(r" \([^()]*\)")
 
 
-class Scope(NamedTuple):
-    """What flights were asked and under what, for people who were not there."""
+def scope(setup: Setup, begun: Scenario) -> list[tuple[str, str]]:
+    """What flights of a setup are asked and under what, for people who were not there: what, and its content.
 
-    asked: str
-    """Requirement, length and starts in short."""
-    conditions: str
-    """Conditions in short."""
-    rows: list[tuple[str, str]]
-    """All of it in full: what, and its content."""
-
-    @property
-    def sentence(self) -> str:
-        """All of it in short."""
-        return f"{self.asked} Conditions: {self.conditions}."
-
-    def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
-        return {"sentence": self.sentence, "rows": [list(row) for row in self.rows]}
-
-
-def scope(setup: Setup, begun: Scenario) -> Scope:
-    """The scope of flights of a setup, from starts and goals with fields (N,)."""
-    conditions = setup.conditions or Conditions()
-    asked = requirement(setup)
-    started = starts(setup.task, begun)
-    seconds = f"{_number(setup.timing.episode_steps * setup.timing.control_period)} s"
+    Starts and goals have fields (N,).
+    """
+    timing = setup.timing
     length = (
-        f"{seconds}: {setup.timing.episode_steps:,} control periods of "
-        f"{_number(setup.timing.control_period)} s"
+        f"{_number(timing.episode_steps * timing.control_period)} s: {timing.episode_steps:,} control "
+        f"periods of {_number(timing.control_period)} s"
     )
-    failing = [("a flight also fails", text) for text in _fails(setup.task)]
-    return Scope(
-        f"Requirement: {asked}. Flights of {seconds}. Starts: {started}.",
-        conditions_sentence(conditions),
-        [
-            ("requirement", asked),
-            *failing,
-            ("length of a flight", length),
-            ("starts", f"{started} (of {counted(len(_size(begun.start.v)), 'start')})"),
-            *([("safety filter", type(setup.guard).__name__)] if setup.guard else []),
-            *(("conditions", row) for row in conditions_texts(conditions)),
-        ],
-    )
+    count = counted(len(_size(begun.start.v)), "start")
+    return [
+        ("requirement", requirement(setup)),
+        *(("a flight also fails", text) for text in _fails(setup.task)),
+        ("length of a flight", length),
+        ("starts", f"{starts(setup.task, begun)} (of {count})"),
+        *([("safety filter", type(setup.guard).__name__)] if setup.guard else []),
+        *(("conditions", row) for row in conditions_texts(setup.conditions or Conditions())),
+    ]
 
 
 def requirement(setup: Setup) -> str:
@@ -108,15 +82,6 @@ def starts(task: Task, begun: Scenario) -> str:
     spin = _size(begun.start.w)
     ranges += [f"speed {_span(speed)} m/s", f"spin {_span(np.degrees(spin))} deg/s"]
     return ", ".join(ranges)
-
-
-def conditions_sentence(conditions: Conditions) -> str:
-    """The first few ranges that differ from nominal, and how many more there are."""
-    if conditions.others:
-        return f"a mixture of {1 + len(conditions.others)} sets of conditions, see below"
-    texts = [*conditions_texts(conditions)]
-    more = len(texts) - _NAMED
-    return "; ".join(texts[:_NAMED]) + (f"; and {more} more, see below" if more > 0 else "")
 
 
 def conditions_texts(conditions: Conditions) -> Iterator[str]:

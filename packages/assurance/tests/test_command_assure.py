@@ -43,7 +43,7 @@ def test_python_flies_the_conditions_that_it_names() -> None:
     read = json.loads(Path("here/assurance-lab.json").read_text("utf-8"))
     assert read["bounds"]["any"]["failures"] == named.campaign.bound().events > 0
     # What was asked is stated by its content, also where it has a name.
-    assert "position within 5 cm" in read["scope"]["sentence"]
+    assert "position within 5 cm" in dict(read["scope"]["rows"])["requirement"]
     assert ["conditions", "factor on the mass: 0.75 to 1.25"] in read["scope"]["rows"]
 
 

@@ -42,7 +42,7 @@ from rans_assurance.assure.bounds import ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.replay import Replays, replays
 from rans_assurance.assure.search import Searched, searched
-from rans_assurance.scope import Scope, scope
+from rans_assurance.scope import scope
 from rans_assurance.sections.assurance import assurance_section
 
 _STARTS = 1000
@@ -93,7 +93,7 @@ class Assurance:
         return result
 
     @cached_property
-    def scope(self) -> Scope:
+    def scope(self) -> list[tuple[str, str]]:
         """What the flights are asked, from which starts and under which conditions."""
         setup = self.run.judged
         return scope(setup, scenarios(setup.task, setup.craft, self.campaign.seed, _STARTS))
@@ -267,7 +267,7 @@ class Assurance:
         return {
             "about": self.about,
             "campaign": campaign.to_json(),
-            "scope": self.scope.to_json(),
+            "scope": {"rows": self.scope},
             "decision": campaign.decision,
             "bounds": {name: _bound(campaign.bound(kind)) for name, kind in kinds.items()},
             "replays": self.replays

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING
 
-from rans.extend import Options, Table, Terminal, command_of, say, whole, word
+from rans.extend import Options, Table, Terminal, command_of, counted, say, whole, word
 from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:
@@ -65,7 +65,10 @@ def _show(assurance: Assurance) -> None:
     """Print what an assurance says, what it was asked, and the command that shows its worst failure."""
     console = Terminal(room=100)
     say(assurance.section, console)
-    console.say(assurance.scope.sentence.replace(", see below", f", see {assurance.file}"))
+    asked = [row for row in assurance.scope if row[0] != "conditions"]
+    console.table(Table(("asked", "it is"), asked))
+    ranges = len(assurance.scope) - len(asked)
+    console.say(f"Conditions: {counted(ranges, 'range')}, in {assurance.file}.")
     if assurance.replays and assurance.replays.found:
         worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
         console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")

@@ -131,12 +131,12 @@ class StressReport:
             (f"scenario {level.name}", "; ".join(conditions_texts(level.conditions)))
             for level in stress.named
         ]
-        rows = [row for row in asked.rows if row[0] != "conditions"]
+        rows = [row for row in asked if row[0] != "conditions"]
         return {
             "title": self.title(),
             "text": TEXT,
             "is_partial": self.is_partial,
-            "scope": {"sentence": asked.asked, "rows": [*rows, *contents]},
+            "scope": {"rows": [*rows, *contents]},
             "seed": contest.seed,
             "contestants": {
                 contestant.name: {
