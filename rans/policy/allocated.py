@@ -11,7 +11,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-import torch
 from torch import Tensor
 from torch.nn import functional
 
@@ -72,68 +71,21 @@ class Allocated(Backbone):
         """See `Backbone`."""
         return architecture.last.weights * _width(architecture.tokens)
 
-    def outputs(self, network: Network, features: Tensor) -> Tensor:
-        """Outputs (N, n) for features (N, features and what is known): shares or log-odds; see `Backbone`."""
-        architecture = network.architecture
-        weight, bias = architecture.last.folded(*network.layer("action_net"))
-        frugality = architecture.frugality
-        count, factor = architecture.features, frugality.away
-        after = count + (factor != 1.0)
-        ends = [count, after, after + (NUMBERS if frugality.hold else 0)]
-        features, away, own, known = features.tensor_split(ends, dim=-1)
-        shut, remembered = known.tensor_split([_thrusters(architecture.tokens)], dim=-1)
-        demand = functional.linear(features, weight, bias)
-        chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
-        if chosen is None:
-            limits = (1.0 - shut).unbind(-1) if architecture.adapts else None
-            lost = shut.sum(-1) if architecture.adapts else 0.0
-            commands = continuous(
-                list(demand.unbind(-1)),
-                architecture.tokens,
-                limits,
-                _gentle(architecture, lost),
-                _filled(architecture, remembered.unbind(-1)),
-                architecture.frugality.price,
-            )
-            commands = _checked(commands, architecture, remembered.unbind(-1))
-            return torch.stack([torch.as_tensor(x).expand_as(demand[..., 0]) for x in commands], -1)
-        offset, slope, table = _tables(
-            architecture.tokens,
-            architecture.adapts,
-            architecture.frugality.price,
-            factor,
-            demand.dtype,
-            demand.device,
-        )
-        known = torch.cat((demand, away, shut), dim=-1)
-        row = table[torch.argmax(known @ slope + offset, dim=-1)]
-        count = chosen.opened.shape[1]
-        opened = row[..., :count]
-        if frugality.hold:
-            return _held(own, opened, architecture.tokens, architecture.authority)
-        rest = (demand - row[..., count:]).unbind(-1)
-        if wheels(architecture.tokens):
-            turning = continuous(list(rest), wheels(architecture.tokens))
-            return torch.cat((opened + 0.5, torch.stack(turning, dim=-1)), dim=-1)
-        return opened
-
     def tables(self, architecture: Architecture, like: Tensor) -> tuple[Tensor, ...]:
         """See `Backbone`: for a network that learns for its own craft, which has on/off thrusters alone."""
         kinds = {token[-1] for token in architecture.tokens}
         if architecture.authority or not kinds <= {ON_OFF, SHARED}:
             return ()
-        price = architecture.frugality.price
-        offset, slope, table = _tables(
-            architecture.tokens, False, price, 1.0, like.dtype, like.device
-        )
-        return offset, slope, table[:, : len(architecture.tokens)] + 0.5
+        chosen = choice(architecture.tokens, price=architecture.frugality.price)
+        assert chosen is not None
+        return tuple(map(like.new_tensor, (chosen.offset, chosen.slope.T, chosen.opened)))
 
     def patterns(self, network: Network, features: Tensor) -> Patterns | None:
         """See `Backbone`."""
         return Patterns(demand(network, features), *network.tables) if network.tables else None
 
     def traced(self, program: Program, architecture: Architecture, features: str) -> str:
-        """As `outputs`, written into a program whose row it returns; tests compare both. See `Backbone`."""
+        """Shares or log-odds, of features and rows of what is known; see `Backbone`."""
         width = _width(architecture.tokens)
         demand = program.dense(features, "head", width, architecture.features)
         symbols = inputs("demand", width)
@@ -173,9 +125,7 @@ class Allocated(Backbone):
             opened = program.apply("Gather", table, best, axis=0)
             if not architecture.frugality.hold:
                 return opened
-            return _traced_hold(
-                program, opened, _pulses(architecture.tokens, architecture.authority)
-            )
+            return _held(program, opened, _pulses(architecture.tokens, architecture.authority))
         table = program.constant(effects(chosen), "subsets")
         row = program.apply("Gather", table, best, axis=0)
         opened, twist = program.split(row, (count, width))
@@ -207,40 +157,13 @@ def _pulses(tokens: Tokens, authority: tuple[float, ...]) -> Pulses:
     return pulses_of(chosen.opened, chosen.twist, thrust, units, period)
 
 
-@lru_cache(maxsize=64)
-def _pulse_tables(
-    tokens: Tokens, authority: tuple[float, ...], dtype: torch.dtype, device: torch.device
-) -> tuple[Tensor, ...]:
-    """Twists by axis, thrust and rows of `_pulses` on a device; all callers share them, and change none."""
-    pulses = _pulses(tokens, authority)
-    return tuple(
-        torch.as_tensor(x, dtype=dtype, device=device)
-        for x in (*pulses.twist.T, pulses.thrust, pulses.table)
-    )
-
-
-def _held(own: Tensor, opened: Tensor, tokens: Tokens, authority: tuple[float, ...]) -> Tensor:
-    """Thrusters (N, n) of `outputs` of a craft that holds its pose, from ``opened`` of the network.
-
-    ``own`` (N, 6) is its pose, see `rans.policy.holding.pose`.
-    """
-    pulses = _pulses(tokens, authority)
-    *twist, thrust, table = _pulse_tables(tokens, authority, own.dtype, own.device)
-    numbers = own.split(1, dim=-1)
-    pulse = worth(in_units(numbers, pulses), twist, thrust, pulses.radius, pulses.angle)
-    scores = torch.cat((*first(numbers, pulses), pulse), dim=-1)
-    row = table[torch.argmax(scores, dim=-1)]
-    count = opened.shape[-1]
-    return _mixed(opened, row[..., :count], row[..., count:])
-
-
 def _mixed(opened: Field, held: Field, is_network: Field) -> Field:
     """What the network opens where a flag is 1, else what holds the pose."""
     return is_network * opened + (1.0 - is_network) * held
 
 
-def _traced_hold(program: Program, opened: str, pulses: Pulses) -> str:
-    """As `_held`, written into a program whose row it returns."""
+def _held(program: Program, opened: str, pulses: Pulses) -> str:
+    """Thrusters of a craft that holds its pose by pulses (`POSE`), or ``opened`` of the network."""
     symbols = inputs("pose", NUMBERS)
     names = dict(zip(symbols, program.single(POSE, NUMBERS), strict=True))
     own = program.lowered(in_units(symbols, pulses), names)
@@ -306,28 +229,6 @@ def _subsets_without(
     joined = [np.concatenate(x) for x in zip(*parts, strict=True)]
     _, first = np.unique(joined[0], axis=0, return_index=True)
     return Subsets(*(x[np.sort(first)] for x in joined))
-
-
-@lru_cache(maxsize=64)
-def _tables(
-    tokens: Tokens,
-    adapts: bool,
-    price: float,
-    away: float,
-    dtype: torch.dtype,
-    device: torch.device,
-) -> tuple[Tensor, Tensor, Tensor]:
-    """Offsets (S,), slopes and effects of the subsets, on a device: a CUDA graph may not copy from a CPU.
-
-    All callers share the cached tensors, which nobody may change in place.
-    """
-    chosen = choice(tokens, adapts, price)
-    assert chosen is not None
-    offset, slope, table = (
-        torch.as_tensor(x, dtype=dtype, device=device)
-        for x in (chosen.offset, _slopes(chosen, adapts, away), effects(chosen))
-    )
-    return offset, slope, table
 
 
 def _slopes(chosen: Subsets, adapts: bool, away: float) -> np.ndarray:

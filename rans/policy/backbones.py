@@ -1,9 +1,9 @@
 """Backbones: how what a policy has made of an observation becomes the outputs for its commands.
 
-Every policy has a trunk of dense layers, which make features of what is
-observed and remembered. A backbone is one class that makes the commands' outputs of them, and its name in
-`rans.policy.backbone_registry.BACKBONES`. Torch computes it, and files have it as a program. Executors that
-do not state it (`rans.policy.capabilities`) leave such a policy to torch.
+Every policy has a trunk of dense layers, which make features of what is observed and remembered. A backbone is one
+class that makes the commands' outputs of them, and its name in `rans.policy.backbone_registry.BACKBONES`. It
+writes a program, which torch computes (`rans.policy.torch_program`) and files have. Executors that do not state it
+(`rans.policy.capabilities`) leave such a policy to torch.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
 from torch import Tensor
-from torch.nn import functional
 
 from rans.policy.heads import Patterns
 from rans.policy.program import Program
@@ -32,10 +31,6 @@ class Backbone(ABC):
     def rows(self, architecture: Architecture) -> int:
         """Rows of the last layer, whose weights are ``action_net``."""
 
-    @abstractmethod
-    def outputs(self, network: Network, features: Tensor) -> Tensor:
-        """Outputs (..., N, outputs n) of features (..., N, features); see `rans.policy.heads.Head`."""
-
     def tables(self, architecture: Architecture, like: Tensor) -> tuple[Tensor, ...]:
         """Constants of `patterns`, of the device and precision of ``like``; () if outputs decide.
 
@@ -49,7 +44,9 @@ class Backbone(ABC):
 
     @abstractmethod
     def traced(self, program: Program, architecture: Architecture, features: str) -> str:
-        """Write `outputs` into a program: a row (N, outputs n) of a row of features (N, features).
+        """Write outputs for commands into a program: a row (N, outputs n) of a row of features (N, features).
+
+        See `rans.policy.heads.Head`. Torch computes that program (`rans.policy.torch_program`).
 
         The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`.
         """
@@ -61,11 +58,6 @@ class Dense(Backbone):
     def rows(self, architecture: Architecture) -> int:
         """See `Backbone`."""
         return architecture.last.weights * architecture.thrusters
-
-    def outputs(self, network: Network, features: Tensor) -> Tensor:
-        """See `Backbone`."""
-        weight, bias = network.architecture.last.folded(*network.layer("action_net"))
-        return functional.linear(features, weight, bias)
 
     def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """See `Backbone`."""

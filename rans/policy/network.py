@@ -13,6 +13,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import backbone
 from rans.policy.heads import Distribution, OnOff
@@ -22,6 +23,8 @@ from rans.policy.preprocess import (
     magnified,
     normalised,
 )
+from rans.policy.program import Program
+from rans.policy.torch_program import TorchProgram
 
 Pooled = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
 """Variance and mean of several processes' values, from those of one."""
@@ -61,6 +64,10 @@ class Network(Remembering):
         # Before a CUDA graph is recorded, which may not copy from a CPU.
         self._backbone = backbone(architecture.backbone)
         self.tables = self._backbone.tables(architecture, self._mean)
+        program = Program()
+        outputs = self._backbone.traced(program, architecture, "features")
+        given = {"features", AWAY, POSE, SHUT, WHEELS}
+        self._outputs = TorchProgram(program, outputs, given, self._mean)
         super().__init__(architecture, self._mean, preprocessor)
 
     def adopt(self, tensors: Mapping[str, Tensor]) -> None:
@@ -171,14 +178,18 @@ class Network(Remembering):
         """Outputs for columns (N, k) that `look` returned; thrusters are in the order of that view."""
         architecture = self.architecture
         columns = preprocessed
-        known: list[Tensor] = []
+        known: dict[str, Tensor] = {}
         if architecture.adapts:
-            columns, *known = preprocessed.tensor_split([architecture.column_count], dim=1)
+            ends = architecture.column_count + architecture.adaptation.thrusters
+            columns, known[SHUT], known[WHEELS] = preprocessed.tensor_split(
+                [architecture.column_count, ends], dim=1
+            )
         features, critic = self.features(columns, memory, privileged)
         # The allocation is given whether the goal is far, the pose, then what is estimated.
         single = columns.unbind(-1)
-        given = [x[:, None] for x in (*architecture.away(single), *architecture.pose(single))]
-        return self._heads(features, critic, [*given, *known])
+        rows = {AWAY: architecture.away(single), POSE: architecture.pose(single)}
+        known |= {name: torch.stack(row, dim=-1) for name, row in rows.items() if row}
+        return self._heads(features, critic, known)
 
     def features(
         self,
@@ -254,11 +265,8 @@ class Network(Remembering):
                 x = self.activation(functional.linear(x, weight, bias))
         return x.to(dtype)
 
-    def _heads(self, features: Tensor, critic: Tensor, given: Sequence[Tensor]) -> Output:
-        """Actor and critic, in one product where they share features.
-
-        The backbone is given further columns (N, k) behind the features.
-        """
+    def _heads(self, features: Tensor, critic: Tensor, known: Mapping[str, Tensor]) -> Output:
+        """Actor and critic, in one product where they share features; a backbone is given further rows (N, k)."""
         architecture = self.architecture
         head = architecture.last
         worth, constant = self.layer("value_net")
@@ -270,11 +278,12 @@ class Network(Remembering):
             action = out[..., :-1]
             value = out[..., -1]
         else:
-            known = torch.cat((features, *given), dim=-1) if given else features
             value = functional.linear(critic, worth, constant)[..., 0]
-            if (patterns := self._backbone.patterns(self, known)) is not None:
+            if (patterns := self._backbone.patterns(self, features)) is not None:
                 return Output(patterns, value)
-            action = self._backbone.outputs(self, known)
+            weight, bias = head.folded(*self.layer("action_net"))
+            layer = {"features": features, "head.weight": weight, "head.bias": bias}
+            action = self._outputs(layer | dict(known))
         return Output(head.distribution(action, self.tensors.get("log_std")), value)
 
     @torch.no_grad()

@@ -84,7 +84,7 @@ class _Index(NamedTuple):
     choice: _ArgMax
 
 
-_EACH: dict[str, Callable[..., Field]] = {
+EACH: dict[str, Callable[..., Field]] = {
     "Add": lambda a, b: a + b,
     "Sub": lambda a, b: a - b,
     "Mul": lambda a, b: a * b,
@@ -226,8 +226,8 @@ def _row(values: Iterable[Field], shape: tuple[int, ...] | None = None) -> Row:
 def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
     """Value of a step, an array of fields, or its values for a split; new operations are a case here."""
     operation = step.operation
-    if operation in _EACH:
-        return _each(_EACH[operation], [np.asarray(x, object) for x in arguments])
+    if operation in EACH:
+        return _each(EACH[operation], [np.asarray(x, object) for x in arguments])
     axis = int(step.attributes.get("axis", -1))
     # Operations on whole rows; `_Index` is a table with an index that is traced.
     match operation:

@@ -3,14 +3,21 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from scipy.optimize import minimize
 
 from rans.model.twists import authority_margin, balanced
-from rans.policy.allocated import ON_OFF, choice
+from rans.policy.adaptation import SHUT
+from rans.policy.allocated import CONTINUOUS, ON_OFF, WHEEL, Allocated, choice
 from rans.policy.allocation import PRICE, shares, subsets
+from rans.policy.frugality import AS_TRAINED
+from rans.policy.program import Program
+from rans.policy.torch_program import TorchProgram
 from tests.support.layouts import sample_layout
 
 
@@ -94,3 +101,32 @@ def test_limits_and_charges_are_those_of_the_quadratic_program(seed: int) -> Non
         # What a few passes leave is demanded again in the next period.
         few = shares(list(demand), columns, PRICE, list(limits), charges=list(charges))
         assert cost(np.array(few, dtype=float)) <= exact.fun + 0.05 * float(demand @ demand)
+
+
+def commanded(kind: float, demand: list[float], shut: list[float] | None = None) -> list[float]:
+    """Outputs for four thrusters, of which the first two also turn the craft, and a wheel."""
+    thrusters = (1.0, 0.0, 0.2), (-1.0, 0.0, -0.2), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
+    tokens = (*((*one, kind) for one in thrusters), (0.0, 0.0, 1.0, WHEEL))
+    own: Any = SimpleNamespace(
+        tokens=tokens, adapts=shut is not None, frugality=AS_TRAINED, features=3, filling=()
+    )
+    own.farthest = own.farthest_lost = 0.0
+    program = Program()
+    result = Allocated().traced(program, own, "features")
+    rows = {"features": torch.tensor([demand]), "head.weight": torch.eye(3)}
+    rows |= {"head.bias": torch.zeros(3), SHUT: torch.tensor([shut or [0.0] * 4])}
+    return TorchProgram(program, result, {*rows}, torch.zeros(()))(rows)[0].tolist()
+
+
+def test_wheels_turn_the_craft_by_what_thrusters_leave_of_a_demand() -> None:
+    """Of a spin of 0.5 the thruster gives 0.2, and what the wheel gives is 2 x 0.65 - 1 = 0.3 less its price."""
+    *opened, wheel = commanded(ON_OFF, [1.0, 0.0, 0.5])
+    assert [x > 0.0 for x in opened] == [True, False, False, False]
+    assert wheel == pytest.approx(0.65, abs=0.02)
+    *parts, wheel = commanded(CONTINUOUS, [0.9, -0.4, 0.5])
+    assert parts == pytest.approx([0.9, 0.0, 0.0, 0.4], abs=0.15)
+    assert wheel == pytest.approx(0.65, abs=0.05)
+    # One that is lost is left shut.
+    assert commanded(CONTINUOUS, [0.9, -0.4, 0.5], [1.0, 0.0, 0.0, 0.0])[:4] == pytest.approx(
+        [0.0, 0.0, 0.0, 0.4], abs=0.15
+    )
