@@ -196,9 +196,10 @@ def compare(
             switching mpc optimal, for landings optimal, for inspections circumnavigation optimal.
         conditions: see `evaluate`.
         episodes: number of starts; by default 16, of a full comparison 128, and no fewer than those with bounds.
-        certified: starts whose bounds are certified, if optimal joins; by default 1, of a full comparison 4. Each
-            takes half a minute of processor time in the plane, minutes in space with its package
-            (docs/certificate.md), else hull and tube bounds.
+        certified: starts whose bounds are certified, if optimal joins. By default 1, of a full comparison 4; if
+            named, or of a full comparison, the least impulse has six times in place of one. Each takes half a
+            minute of processor time in the plane, minutes in space with its package (docs/certificate.md), else
+            hull and tube bounds.
         seed: see `evaluate`.
         engine: see `evaluate`.
         guard: see `evaluate`.
@@ -221,7 +222,7 @@ def compare(
         invitations,
         ready_opponents,
     )
-    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.compare.run import TYPICAL, Comparison
     from rans.evaluation.fly.agent import LoadedRun
     from rans.show.progress import watched
 
@@ -248,7 +249,8 @@ def compare(
         guard,
         period,
     )
-    result = Comparison(contest)
+    is_whole = full or certified is not None
+    result = Comparison(contest) if is_whole else Comparison(contest, multiples=TYPICAL)
     flying = enlisted(entrants, contest, trust, period)
     folder = None if output is None else ready_folder(Path(output))
     cache = None if folder is None else inside(folder, "compare-bounds.json")

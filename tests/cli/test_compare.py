@@ -96,10 +96,10 @@ def test_every_option_reaches_the_comparison(
         contest = comparison.contest
         facts = contest.episodes, contest.seed, contest.engine
         told.append((facts, tuple(flying), names, given["certified"], given["cache"]))
-        asked.append(given["returns"])
+        asked.append((given["returns"], len(comparison.multiples)))
 
     told: list[Any] = []
-    asked: list[bool] = []
+    asked: list[tuple[bool, int]] = []
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
     options = "--with mpc optimal --episodes 5 --seed 11 --engine drake --certified 2"
     command = f"compare lqr:go-to-pose-2d {IDLE} {options} --output {tmp_path}"
@@ -115,10 +115,11 @@ def test_every_option_reaches_the_comparison(
         # The slow ones fly after the quick ones have answered.
         ((5, 11, "drake"), (), ["mpc", "optimal"], 2, tmp_path / "compare-bounds.json"),
     ]
-    # The optima that take longest are asked for by --full alone.
-    command = f"compare lqr:go-to-pose-2d --with optimal --output {tmp_path} --full"
+    # What takes longest is asked for by --full, and the curve of impulses by --certified too.
+    command = f"compare lqr:go-to-pose-2d --with optimal --output {tmp_path}"
+    assert main([*command.split(), "--full"]) == 0
     assert main(command.split()) == 0
-    assert asked == [False, False, True, True]
+    assert asked[1:6:2] == [(False, 6), (True, 6), (False, 1)]
 
 
 @pytest.mark.slow

@@ -375,11 +375,13 @@ def _certificate(question: Question, steps: int) -> Certificate | None:
 
     With None the bound of the hull stands alone.
     """
-    craft, quantities, goals, period, horizon, effort, scenario, _ = question
+    craft, quantities, goals, period, horizon, effort, scenario, kind = question
     proves = bounder(craft, period)
     problem = Problem(scenario.start, scenario.goal, goals, quantities)
     if not proves.can_stop(problem):
         return None
+    if kind == "settling":  # Commands are not reported, and the first open level is the bound.
+        effort = replace(effort, levels=1)
     return (certified_least_time if horizon is None else certified_least_fuel)(
         proves, problem, steps, effort
     )

@@ -52,6 +52,9 @@ episode. The floating platform's are 6, 8, 10, 15, 20 and 25 s; at 1.2 each craf
 _RELAXED = (2.0, 4.0)
 """Those by which the relaxed optimum is computed too."""
 
+TYPICAL = (2.0,)
+"""The one by which most controllers arrive, for comparisons that do not ask for the whole curve of impulses."""
+
 _TYPICAL_STARTS = 64
 """Starts whose median least time is that of a typical one, however few are compared; they take milliseconds."""
 
@@ -71,6 +74,8 @@ class Comparison(NotebookRepr):
     certified: list[Bound] = field(default_factory=list)
     mission: MissionBounds | None = None
     """Lower bounds of what an orbital mission or a landing spends; None: it has none."""
+    multiples: Sequence[float] = _HORIZONS
+    """Multiples of `least_time` by which impulses are bounded; infinite: the episode's end."""
     notes: list[str] = field(default_factory=list)
     """Sentences about parts that do not exist for this task or craft."""
     failures: list[str] = field(default_factory=list)
@@ -118,14 +123,15 @@ class Comparison(NotebookRepr):
         half_digit = 0.5 * 10.0 ** math.floor(math.log10(middle))
         return half_digit * round(middle / half_digit)
 
-    def horizons(self, multiples: Sequence[float] = _HORIZONS) -> tuple[float, ...]:
+    def horizons(self, multiples: Sequence[float] | None = None) -> tuple[float, ...]:
         """Times by which impulses are compared, s, in whole control periods; none is after the episode's end.
 
         Args:
-            multiples: of `least_time`; infinite: the episode's end.
+            multiples: of `least_time`; None: those of the comparison.
         """
         timing = self.contest.timing
-        times = (min(multiple * self.least_time, self.contest.duration) for multiple in multiples)
+        chosen = self.multiples if multiples is None else multiples
+        times = (min(multiple * self.least_time, self.contest.duration) for multiple in chosen)
         # A horizon of whole periods needs no further one for its rounding.
         steps = {max(1, math.ceil(time / timing.control_period - 1e-9)) for time in times}
         return tuple(k * timing.control_period for k in sorted(steps))
