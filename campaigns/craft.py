@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rans_bounds.hull import least_time, settling_set
 from tyro.conf import Positional
 
 from rans.evaluation.fly.agent import LoadedRun
@@ -24,7 +25,6 @@ from rans.model.authority import authorities, authority_rows
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.optimal.certificate.hull import least_time, settling_set
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.conditions_file import load_conditions
 from rans.randomization.faults import fault_sets
@@ -90,7 +90,7 @@ def luckiest(craft: Spacecraft, conditions: Conditions | None) -> Spacecraft:
 def least_settling_times(name: str, count: int) -> np.ndarray:
     """Seconds before which nobody has settled in position, of the first evaluation starts: (count,).
 
-    See `rans.optimal.certificate.hull.settling_set`; the time that attitude takes is left out.
+    See `rans_bounds.hull.settling_set`; the time that attitude takes is left out.
     """
     run = flown(name)
     craft = luckiest(run.craft, run.conditions)

@@ -12,6 +12,12 @@ from pathlib import Path
 from typing import Any, NamedTuple, cast
 
 import numpy as np
+from rans_bounds import hull
+from rans_bounds.certificate import certified_least_time
+from rans_bounds.hull import Health, settling_set
+from rans_bounds.plane.bounder import PlanarBounder
+from rans_bounds.plane.lattice import Lattice
+from rans_bounds.problem import Problem, SearchEffort
 from tyro.conf import Positional
 
 from campaigns.batch import Rows, flown, study
@@ -20,12 +26,6 @@ from rans.evaluation.compare.bounds import Amounts, Event
 from rans.files import read_json
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import certified_least_time
-from rans.optimal.certificate.hull import Health, settling_set
-from rans.optimal.certificate.plane.bounder import PlanarBounder
-from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.problem import Problem, SearchEffort
 from rans.policy.network import Network
 from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind

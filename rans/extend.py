@@ -49,6 +49,12 @@ if TYPE_CHECKING:
     from rans.errors import positive as positive
     from rans.errors import require as require
     from rans.errors import whole as whole
+    from rans.evaluation.compare.bounds import Bound as Bound
+    from rans.evaluation.compare.bounds import Event as Event
+    from rans.evaluation.compare.bounds import check_certifiable as check_certifiable
+    from rans.evaluation.compare.bounds import check_finite as check_finite
+    from rans.evaluation.compare.bounds import check_period as check_period
+    from rans.evaluation.compare.bounds import rounded_up as rounded_up
     from rans.evaluation.compare.contest import Contest as Contest
     from rans.evaluation.compare.mission_bounds import MissionBounds as MissionBounds
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
@@ -60,7 +66,9 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.exported import read_contract as read_contract
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.evaluation.measure.metrics import impulses as impulses
+    from rans.evaluation.measure.metrics import won as won
     from rans.evaluation.measure.metrics import worst_errors as worst_errors
+    from rans.evaluation.measure.statistics import WANTED as WANTED
     from rans.evaluation.measure.statistics import Estimate as Estimate
     from rans.evaluation.problems import Problem as Problem
     from rans.fast.device import torch_device as torch_device
@@ -77,6 +85,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
     from rans.fast.stepping.step import Step as Step
+    from rans.files import distinct as distinct
     from rans.files import environment as environment
     from rans.files import first_line as first_line
     from rans.files import inside as inside
@@ -91,6 +100,7 @@ if TYPE_CHECKING:
     from rans.flight import Flight as Flight
     from rans.flight import fly as fly
     from rans.flight_statistics import FlightStatistics as FlightStatistics
+    from rans.model.actuators import ON_OFF as ON_OFF
     from rans.model.actuators import Throttle as Throttle
     from rans.model.body import Body as Body
     from rans.model.coordinates import coordinates as coordinates
@@ -123,6 +133,7 @@ if TYPE_CHECKING:
     from rans.model.fields import sqrt as sqrt
     from rans.model.fields import where as where
     from rans.model.fields import within as within
+    from rans.model.fields import wrap as wrap
     from rans.model.foreign import Foreign as Foreign
     from rans.model.foreign import Nozzle as Nozzle
     from rans.model.random import Draws as Draws
@@ -137,6 +148,8 @@ if TYPE_CHECKING:
     from rans.model.trace import ordered as ordered
     from rans.optimal.control.arguments import craft_and_task as craft_and_task
     from rans.optimal.control.regulator import ModelBased as ModelBased
+    from rans.optimal.trajectory.allocation import inertia as inertia
+    from rans.optimal.trajectory.guess import rotation_vector as rotation_vector
     from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
     from rans.policy.architecture import Architecture as Architecture
     from rans.policy.capabilities import Capabilities as Capabilities
@@ -162,6 +175,7 @@ if TYPE_CHECKING:
     from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
     from rans.scenario import Scenario as Scenario
     from rans.scenario import draws as draws
+    from rans.scenario import each as each
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
     from rans.show.pages.chart import Chart as Chart
@@ -181,7 +195,11 @@ if TYPE_CHECKING:
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
+    from rans.tasks.derived import is_constrained as is_constrained
     from rans.tasks.go_to_pose import GoToPose as GoToPose
+    from rans.tasks.goal_set import REST_SPEED as REST_SPEED
+    from rans.tasks.goal_set import REST_SPIN as REST_SPIN
+    from rans.tasks.goal_set import aims as aims
     from rans.tasks.observation_terms import AdvisedVelocityChange as AdvisedVelocityChange
     from rans.tasks.observation_terms import AngularVelocity as AngularVelocity
     from rans.tasks.observation_terms import Dimension as Dimension

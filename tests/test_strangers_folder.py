@@ -99,7 +99,7 @@ def test_machine_code_of_the_folder(folder: Path, tmp_path: Path) -> None:
     (folder / ".numba_config.yaml").write_text("cache_dir: kept\n")
     script = tmp_path / "script.py"
     script.write_text("""
-from rans.optimal.certificate.compiled import compiled
+from rans_bounds.compiled import compiled
 
 def double(number):
     return 2 * number

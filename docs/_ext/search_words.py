@@ -51,7 +51,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "probability of failure",
         "reliability",
     ),
-    "certificate": ("certified bound", "lower bound", "optimality gap", "certificate"),
+    "bounds/certificate": ("certified bound", "lower bound", "optimality gap", "certificate"),
     "cluster": ("slurm", "kubernetes", "dask", "mpi"),
     "coming_from": ("isaac", "isaac lab", "isaac gym", "migration"),
     "comparison": ("compare", "baseline", "benchmark against mpc", "comparison with lqr"),

@@ -198,8 +198,8 @@ def compare(
         episodes: number of starts; by default 16, of a full comparison 128, and no fewer than those with bounds.
         certified: starts whose bounds are certified, if optimal joins. By default 1, of a full comparison 4; if
             named, or of a full comparison, the least impulse has six times in place of one. Each takes half a
-            minute of processor time in the plane, minutes in space with its package (docs/certificate.md), else
-            hull and tube bounds.
+            minute of processor time in the plane, minutes in space with its package, else hull and tube bounds
+            (docs/bounds/certificate.md).
         seed: see `evaluate`.
         engine: see `evaluate`.
         guard: see `evaluate`.

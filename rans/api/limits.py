@@ -224,8 +224,7 @@ def certify(
         ConfigError: one of these does not exist, or no bound is known for this task and spacecraft.
     """
     from rans.api.trajectory import CertifiedBound
-    from rans.evaluation.compare.bounds import Event, Kind, bound, question
-    from rans.optimal.certificate.problem import SearchEffort
+    from rans.evaluation.compare.bounds import Event, Kind, certificates
     from rans.scenario import each
 
     one_of("kind", kind, get_args(Kind))
@@ -236,9 +235,7 @@ def certify(
     event = Event(kind, horizon)
     number = _OWN if isinstance(start, State) else start
     # The certified bound of this event alone.
-    result = bound(
-        number, question(craft, judged, control_period, event, SearchEffort(seconds), single)
-    )
+    result = certificates().bound(number, craft, judged, control_period, event, seconds, single)
     values = {key.name: getattr(result, key.name) for key in fields(result)}
     return CertifiedBound(
         **values, craft=craft, task=judged, scenario=scenario, control_period=control_period

@@ -16,7 +16,7 @@ from rans.api.limits import optimal_trajectory, setup_of
 from rans.api.states import read_zones
 from rans.cli.door import Options, command_of, word
 from rans.cli.numbers import named_numbers
-from rans.errors import ConfigError, require, whole
+from rans.errors import ConfigError, whole
 from rans.files import distinct, ready_folder
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import Bound
     from rans.evaluation.compare.optima import Optimum
     from rans.optimal.trajectory.limits import PathLimits
-    from rans.optimal.trajectory.objectives import Objective
 
 _CONTROL_PERIOD, _INTERVALS = (
     inspect.signature(optimal_trajectory).parameters[name].default
@@ -84,15 +83,13 @@ class Optimal(Options):
 
     def run(self) -> int:
         """Print a table of the starts, and write trajectories, figures and bounds; 1 if a start was lost."""
-        from rans.evaluation.compare.bounds import no_certificate
+        from rans.evaluation.compare.bounds import Event, certificates
         from rans.evaluation.compare.optima import optima, optima_table, write
         from rans.evaluation.problems import problem_of
-        from rans.optimal.certificate.goal_set import check_certifiable
         from rans.optimal.trajectory.allocation import check_aims, check_relaxation
         from rans.optimal.trajectory.arrival import check_goal
         from rans.optimal.trajectory.objectives import objective_of
         from rans.show.pages.replay import replay_page
-        from rans.tasks.goal_set import aims
 
         self._check()
         ending = self.ending or "exact"
@@ -117,8 +114,8 @@ class Optimal(Options):
             if not self.certify:
                 raise
             reason = str(error)
-        if self.certify and not no_certificate(craft, aims(task), _CONTROL_PERIOD):
-            require("numba")
+        if self.certify:
+            certificates().check(craft, task, _CONTROL_PERIOD)
         about: dict[str, Any] = {
             "task": self.task,
             "spacecraft": craft.name,
@@ -129,7 +126,6 @@ class Optimal(Options):
             "limits": None if limits is None else asdict(limits),
         }
         if reason:
-            check_certifiable(craft, wheels=True)
             Terminal().say(f"Bounds only, without trajectories: {reason}")
         folder = ready_folder(self.output or Path("runs") / name)
         answers: list[Optimum] = []
@@ -160,8 +156,13 @@ class Optimal(Options):
             # Bounds are for the goal set, so only trajectories that end in it are comparable.
             is_same = objective.ending == "set" and limits is None
             costs = [a.trajectory.cost if is_same and a.good else math.nan for a in answers]
+            period = _CONTROL_PERIOD
+            event = Event(
+                horizon=None if self.objective == "time" else objective.intervals * period
+            )
+            setup = craft, task, period, event, objective.measure, self.certify_seconds
             with writing_at_end(write_all):
-                self._add_bounds(bounds, craft, task, objective, starts, costs)
+                certificates().add_bounds(bounds, *setup, starts, costs)
         if not answers:
             Terminal().say(f"Written to {folder / 'optimal.json'}.")
             return 0
@@ -214,53 +215,6 @@ class Optimal(Options):
         zones = tuple(read_zones(self.zones, dimension, "--zones"))
         result = PathLimits(limits.get("speed"), limits.get("spin"), zones)
         return None if result == PathLimits() else result
-
-    def _add_bounds(
-        self,
-        every: list[Bound],
-        craft: Spacecraft,
-        task: Task,
-        objective: Objective,
-        starts: Scenario,
-        costs: list[float],
-    ) -> None:
-        """Add and print bounds of the event of the trajectories, and of settling for the objective time.
-
-        An interrupt leaves those that are finished. Costs are those of the trajectories, NaN where these are of
-        another event; none: there are no trajectories.
-        """
-        from rans.evaluation.compare import bounds
-        from rans.optimal.certificate.problem import SearchEffort
-        from rans.scenario import each
-        from rans.tasks.goal_set import aims
-
-        period = _CONTROL_PERIOD
-        effort = SearchEffort(self.certify_seconds)
-        horizon = None if self.objective == "time" else objective.intervals * period
-        every_start = [*each(starts)]
-        unknown = [math.nan] * len(every_start)
-        events = {bounds.Event(horizon=horizon): (objective.measure, costs or unknown)}
-        if horizon is None:  # the trajectories arrive, which is another event
-            events[bounds.Event("settling")] = "time s to settle", unknown
-        sentence = bounds.without_certificate(craft, aims(task), period) or bounds.CERTIFIED
-        for event, (measure, upper) in events.items():
-            questions = [
-                bounds.question(craft, task, period, event, effort, start) for start in every_start
-            ]
-            title = sentence if event.kind == "arrival" else f"{sentence} {bounds.SETTLING}"
-            found: list[tuple[int, Bound]] = []
-            try:
-                with progress() as bars:
-                    step = stages(bars)("bounds", len(questions))
-                    numbers = range(len(questions))
-                    found.extend(bounds.bounds_in_parallel(questions, numbers, progress=step))
-            finally:
-                found.sort(key=lambda answer: answer[0])
-                answers = [answer for _, answer in found]
-                every += answers
-                if found:
-                    own = [upper[number] for number, _ in found]
-                    Terminal().table(bounds.bounds_table(title, measure, answers, own))
 
     def with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         """Do work that reports starts, with a bar of this title."""

@@ -54,8 +54,8 @@ def sentences() -> Iterator[tuple[str, str]]:
         int(re.findall("Of ([0-9]+) flights", one["reason"])[0])
         for one in figures("bounds")["checks"]
     ]
-    yield "certificate", f"none of {checks[0]:,} flights is below its hull bound"
-    yield "certificate", f"none of {checks[2]} below the certificate's dual bound"
+    yield "bounds/certificate", f"none of {checks[0]:,} flights is below its hull bound"
+    yield "bounds/certificate", f"none of {checks[2]} below the certificate's dual bound"
     for task in ("pose", "position"):
         held, duty = (worst("3DoF go to " + task, what) for what in ("PT5 / 2 / 1", "duty"))
         yield "measured", f"{task} {' / '.join(f'{x:.1f}' for x in held)} %, {duty[0]:.1f} %"

@@ -62,7 +62,7 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", solve)
-    monkeypatch.setattr("rans.evaluation.compare.run.certified_bounds", one_bound)
+    monkeypatch.setattr("rans_bounds.transfers.certified_bounds", one_bound)
     command = f"compare lqr:go-to-pose-2d --with optimal --episodes 1 --full --output {tmp_path}"
     assert main(command.split()) == 130
     out = capsys.readouterr().out

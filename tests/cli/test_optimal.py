@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_bounds.problem import SearchEffort
 
 from rans.cli import main
 from rans.evaluation.compare.bounds import Bound
-from rans.optimal.certificate.problem import SearchEffort
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -96,7 +96,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
     """Each answer counts its guesses; the questions are looked at, not answered."""
     asked: list[Any] = []
     monkeypatch.setattr(
-        "rans.evaluation.compare.bounds.bounds_in_parallel",
+        "rans_bounds.transfers.bounds_in_parallel",
         lambda *given, **_: asked.append(given) or (),
     )
     monkeypatch.setattr("rans.evaluation.compare.optima.usual_guesses", lambda *_: 2)
@@ -120,7 +120,7 @@ def test_an_interrupt_keeps_the_bounds_that_are_finished(
         yield 0, Bound(0, 6.0, 1.5)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rans.evaluation.compare.bounds.bounds_in_parallel", first_alone)
+    monkeypatch.setattr("rans_bounds.transfers.bounds_in_parallel", first_alone)
     options = "--episodes=2 --horizon=6 --certify"
     assert run(f"go-to-pose {options} --output {tmp_path}") == 130
     written = json.loads((tmp_path / "optimal.json").read_text())

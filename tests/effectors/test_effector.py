@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 
 import rans
 from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import check_certifiable
 from rans.fast.flights import Flights
 from rans.flight import Setup
 from rans.model.accuracy import spin_up
@@ -19,7 +20,6 @@ from rans.model.actuators import Throttle
 from rans.model.spacecraft import CommandRange, can_turn
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.model.timing import Timing
-from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.plant import Plant
 from tests.support.effector_flights import untrained_policy

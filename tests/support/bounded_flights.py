@@ -12,18 +12,18 @@ import warnings
 from typing import Any, Literal
 
 import numpy as np
+from rans_bounds.goal_set import GoalSet
+from rans_bounds.plane.ascent import ascend, scale, towards_goal
+from rans_bounds.plane.dual import Relaxation
+from rans_bounds.plane.lattice import Lattice
+from rans_bounds.problem import SearchEffort
+from rans_bounds.starts import Question, bound
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.bounds import Question, bound
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, thrust, wrench
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.plane.ascent import ascend, scale, towards_goal
-from rans.optimal.certificate.plane.dual import Relaxation
-from rans.optimal.certificate.plane.lattice import Lattice
-from rans.optimal.certificate.problem import SearchEffort
 from rans.scenario import Scenario
 from tests.support.states import spatial
 

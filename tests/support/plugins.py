@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
+from rans_bounds.certificate import BOUNDERS
 from rans_space_certificates.bounder import spatial_bounder
-
-from rans.optimal.certificate.certificate import BOUNDERS
 
 
 def register() -> None:

@@ -9,13 +9,13 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from rans_bounds.goal_set import GoalSet
 
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.goal_set import GoalSet
 
 PERIOD = 0.2
 PLATFORM = load_spacecraft("floating-platform")

@@ -16,8 +16,17 @@ from typing import Any
 import numpy as np
 
 from rans.display import default, meanings
-from rans.extend import QUANTITIES, Conditions, Scenario, Setup, Task, counted, last_fifth, leaves
-from rans.tasks.derived import is_constrained
+from rans.extend import (
+    QUANTITIES,
+    Conditions,
+    Scenario,
+    Setup,
+    Task,
+    counted,
+    is_constrained,
+    last_fifth,
+    leaves,
+)
 
 _NOMINAL = "nominal conditions"
 _TOGETHER = {

@@ -17,6 +17,7 @@ from rans.extend import (
     Spacecraft,
     Task,
     Terminal,
+    distinct,
     environment,
     progress,
     ready_folder,
@@ -24,7 +25,6 @@ from rans.extend import (
     stages,
     write_json,
 )
-from rans.files import distinct
 from rans.model.spacecraft_file import spacecraft_label
 from rans_missions.bounds.first_starts import bounded, mission_bounds
 from rans_missions.tasks import FinalApproach, Land

@@ -18,6 +18,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.extend import (
+    REST_SPEED,
+    REST_SPIN,
     Body,
     Heading,
     PlanarState,
@@ -34,7 +36,6 @@ from rans.extend import (
 from rans.model.dynamics import mean_thrust, undelayed
 from rans.policy.allocation import subsets
 from rans.policy.symmetry import symmetries
-from rans.tasks.goal_set import REST_SPEED, REST_SPIN
 
 _ENUMERATED = 2**16
 """Largest number of patterns of open valves: all of 16 thrusters, of more those with fewest open. The free flyer's

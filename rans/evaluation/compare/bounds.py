@@ -1,55 +1,30 @@
-"""Lower bounds for each start: the certificate where one exists, else the hull or the tube bound.
+"""Certified bounds: events that are bounded, bounds, and the package that proves them (`certificates`).
 
-docs/certificate.md proves all three. A change must leave every bound below every control that is found (tests).
+A bound must stay below every control that is found, and of another event it says nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.evaluation.measure.statistics import figure
-from rans.model.drift import FREE
-from rans.model.spacecraft import Spacecraft
+from rans.errors import ConfigError, brief, is_finite
+from rans.model.dynamics import State
+from rans.model.fields import leaves
+from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.model.timing import MOST_STEPS
-from rans.optimal.certificate import attitude_tube, hull
-from rans.optimal.certificate.certificate import (
-    Certificate,
-    bounder,
-    certified_least_fuel,
-    certified_least_time,
-)
-from rans.optimal.certificate.goal_set import GoalSet, check_period, pulse, rounded_up
-from rans.optimal.certificate.problem import Problem, SearchEffort, TooManyPoints, Unreachable
-from rans.processes import Workers, nothing
-from rans.progress import Progress, unseen
+from rans.progress import Stages
+from rans.registry import Registry
 from rans.scenario import Scenario
-from rans.table import Table
 from rans.tasks.base import Task
-from rans.tasks.derived import goal_stands_still, is_constrained
-from rans.tasks.goal_set import REST_SPEED, REST_SPIN, aims, check_errors
 
-CERTIFIED = (
-    "The hull bound holds for any commands between 0 and 1; relaxed is a local optimum of those; "
-    "certified holds for every on/off controller at the control rate."
-)
-
-SETTLING = (
-    "Settling is bounded by the first moment within the tolerances at a speed that allows to stay; "
-    "no control found proves that it can be met."
-)
-
-_SEARCHED = 2.0
-"""Multiple of the hull's bound up to which a certified least time is searched; that of each craft tried is within
-1.3 of it. A least time beyond it has a bound that is valid, but not the best."""
-_SEARCHED_PERIODS = 10
-"""Control periods beyond that, because a craft that is almost there has a bound of nearly 0 s."""
-
+if TYPE_CHECKING:
+    from rans.evaluation.compare.contest import Contest
 
 Kind = Literal["arrival", "settling"]
 """Kinds of events with a bound of their own."""
@@ -74,25 +49,6 @@ class Event(NamedTuple):
         if self.horizon is not None:
             return f"impulse by {self.horizon:g} s"
         return _TEXTS[self.kind]
-
-
-class Question(NamedTuple):
-    """Question to a bound; it holds plain values, so that equal questions have equal texts."""
-
-    craft: Spacecraft
-    aims: tuple[str, ...]
-    """Sorted names of the errors that the set bounds, of "position", "attitude", "velocity" and "spin"."""
-    goals: GoalSet
-    period: float
-    """Control period of on/off commands, s."""
-    horizon: float | None
-    """Time at which a controller is in the goal set, s, with the least impulse (N s); None: the least time, s,
-    is bounded."""
-    effort: SearchEffort
-    scenario: Scenario
-    """Scenario whose fields are floats."""
-    kind: Kind = "arrival"
-    """settling: the set contains every state from which a craft can stay within the tolerances (`staying_set`)."""
 
 
 @dataclass(frozen=True)
@@ -134,137 +90,6 @@ class Bound:
         loose = max(self.hull, self.tube or 0.0)
         loose = rounded_up(loose, self.unit) if self.unit else loose
         return loose if self.lower is None else max(loose, self.lower)
-
-
-def goal_set(task: Task) -> GoalSet:
-    """Goal set of a task: its tolerances, and rest if it has a tolerance for the position.
-
-    Raises:
-        ConfigError: the task has a drift, a moving goal, constraints or errors that leave a direction free, which
-            the bounds do not include.
-    """
-    if task.drift != FREE or not goal_stands_still(task):
-        has = "a goal that moves" if task.drift == FREE else task.drift.name
-        raise ConfigError(
-            f"bounds are for free flight to a goal that stands still; {type(task).__name__} has {has}."
-        )
-    if is_constrained(task):
-        raise ConfigError(
-            f"bounds are for motion without constraints, and {type(task).__name__} has some."
-        )
-    check_errors(task)
-    tolerances = task.tolerances()
-    return GoalSet(
-        tolerances.get("position", 0.0),
-        tolerances.get("velocity", REST_SPEED),
-        tolerances.get("attitude", 0.0),
-        tolerances.get("spin", REST_SPIN),
-    )
-
-
-def staying_set(craft: Spacecraft, task: Task, period: float) -> GoalSet:
-    """Set of states from which a craft can stay within the tolerances, in which every settled craft is.
-
-    See `rans.optimal.certificate.hull.settling_set`.
-
-    Raises:
-        ConfigError: as `goal_set`.
-    """
-    near = task.tolerances()
-    goals = goal_set(task)
-    slow = hull.settling_set(craft, goals.position, goals.heading, period)
-    return replace(
-        slow, velocity=near.get("velocity", slow.velocity), spin=near.get("spin", slow.spin)
-    )
-
-
-def question(
-    craft: Spacecraft,
-    task: Task,
-    period: float,
-    event: Event,
-    effort: SearchEffort,
-    scenario: Scenario,
-) -> Question:
-    """Question about an event from one start.
-
-    Raises:
-        ConfigError: see `goal_set`; or the event is settling by a horizon.
-    """
-    if event.kind == "arrival":
-        quantities = aims(task)
-        goals = goal_set(task)
-    elif event.horizon is None:  # The lattice uses the spin; the hull does not.
-        quantities = aims(task) - {"spin"} | task.tolerances().keys()
-        goals = staying_set(craft, task, period)
-    else:
-        raise ConfigError("impulse by a horizon is bounded for arrival only, not for settling.")
-    return Question(
-        craft, tuple(sorted(quantities)), goals, period, event.horizon, effort, scenario, event.kind
-    )
-
-
-def no_certificate(craft: Spacecraft, quantities: Collection[str], period: float) -> str:
-    """Reason why there is no certificate for on/off controllers; "" if there is one.
-
-    For ``quantities`` see `rans.tasks.goal_set.aims`; commands are held for a period (s).
-    """
-    try:
-        if not {"position", "attitude"} <= set(quantities):
-            raise ConfigError(
-                "the on/off certificate is for tasks that ask for a pose, which fixes the "
-                "whole state."
-            )
-        bounder(craft, period)
-    except ConfigError as reason:
-        return str(reason)
-    return ""
-
-
-def no_tube(craft: Spacecraft, quantities: Collection[str]) -> str:
-    """Reason why there is no tube bound; "" if there is one.
-
-    For ``quantities`` see `rans.tasks.goal_set.aims`.
-    """
-    if not {"position", "velocity", "attitude"} <= set(quantities):
-        return "the tube bound is for tasks that ask for a pose."
-    # In the plane, a settled craft has no more than the spin of the set in which it can stay (`staying_set`).
-    if "spin" not in quantities and craft.dimension == 3:
-        return (
-            "the tube bound needs a limit of the spin at the end, which settling in space has not."
-        )
-    try:
-        attitude_tube.check_covered(craft)
-    except ConfigError as reason:
-        return str(reason)
-    return ""
-
-
-def bounds_in_parallel(
-    questions: Sequence[Question],
-    starts: Sequence[int],
-    workers: int | None = None,
-    progress: Progress = unseen,
-) -> Iterator[tuple[int, Bound]]:
-    """Compute bounds in parallel; each comes with the number of its question, as soon as it is known.
-
-    Args:
-        questions: questions.
-        starts: number of the scenario of each.
-        workers: processes, by default one per processor; 1: this one.
-        progress: reports answers.
-
-    Raises:
-        RansError: a process died.
-    """
-    jobs = list(zip(starts, questions, strict=True))
-    for answer in Workers(nothing, (), workers, "searched for bounds").finished(_bound, jobs):
-        yield answer
-        progress(1)
-
-
-def _bound(_: None, start: int, question: Question) -> Bound:
-    return bound(start, question)
 
 
 @dataclass(frozen=True)
@@ -312,126 +137,148 @@ def count_of_periods(horizon: float, period: float) -> int:
     )
 
 
-def bound(start: int, question: Question) -> Bound:
-    """Bounds of a question, infinite if nothing can arrive by the horizon.
+def rounded_up(value: float, unit: float) -> float:
+    """The least whole multiple of a unit that is not below a value by more than rounding."""
+    return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
 
-    The certificate is left out of problems that are too large for it. The tube bound is computed where no
-    certificate exists: it holds for throttled and pulsed thrusters and wheels, and is the closer one for them.
+
+def check_finite(start: State, goal: State) -> None:
+    """Refuse (`ConfigError`) states with NaN or infinity: nothing compares with them, so all seems proven."""
+    for name, state in (("start", start), ("goal", goal)):
+        if not np.isfinite(leaves(state)).all():
+            raise ConfigError(f"a bound needs a finite {name}, got {state}; did a flight diverge?")
+
+
+def check_period(period: float) -> None:
+    """Refuse (`ConfigError`) a time for which no command can be held."""
+    if not (is_finite(period) and period > 0):
+        raise ConfigError(f"a bound needs a finite control period > 0 s, got {period!r}.")
+
+
+def check_certifiable(craft: Spacecraft, wheels: bool = False) -> None:
+    """Refuse a craft that a bound does not cover.
+
+    Args:
+        craft: spacecraft.
+        wheels: whether the bound covers reaction wheels.
 
     Raises:
-        ConfigError: a number of the question is not finite.
+        ConfigError: it has no thrusters, effectors of other kinds or reaction wheels, or uses propellant.
     """
-    craft, quantities, goals, period, horizon, _, scenario, kind = question
-    begin: Any = scenario.start
-    end: Any = scenario.goal
-    check_period(period)
-    # The bound of the hull: of time without a horizon, else of fuel.
-    if horizon is None:
-        unit = period
-        least = hull.least_time(craft, quantities, begin, end, goals)
-        reachable = 0.0 if math.isinf(least) else least
-        steps = _SEARCHED_PERIODS + math.ceil(_SEARCHED * reachable / period)
-    else:
-        steps = count_of_periods(horizon, period)
-        unit = pulse(craft, period) or 0.0
-        least = hull.least_fuel(craft, quantities, begin, end, horizon, goals)
-    loose = Bound(start, horizon, least, unit=unit, kind=kind)
-    # A certificate improves it where one exists; a bound that is not improved stays valid.
-    if no_certificate(craft, quantities, period):
-        if math.isinf(least) or no_tube(craft, quantities):
-            return loose
-        return replace(loose, tube=_tube(question, least))
-    if math.isinf(least):
-        return replace(loose, lower=math.inf)
-    try:
-        result = _certificate(question, steps)
-    except Unreachable:
-        return replace(loose, lower=math.inf)
-    except TooManyPoints:
-        return loose
-    if result is None:
-        return loose
-    if kind == "settling":
-        return replace(loose, lower=result.lower, seconds=result.seconds)
-    # Commands that reach the upper bound, as plain numbers for files.
-    commands = None if result.commands is None else result.commands.astype(int).tolist()
-    return replace(
-        loose, lower=result.lower, upper=result.upper, commands=commands, seconds=result.seconds
-    )
-
-
-def _tube(question: Question, least: float) -> float:
-    """Tube bound of a question whose hull bound is this."""
-    craft, _, goals, period, horizon, _, scenario, _ = question
-    begin: Any = scenario.start
-    end: Any = scenario.goal
-    if horizon is None:
-        return attitude_tube.least_arrival(craft, begin, end, period, goals, least)
-    return attitude_tube.least_impulse(craft, begin, end, horizon, goals)
-
-
-def _certificate(question: Question, steps: int) -> Certificate | None:
-    """Certificate for on/off controllers; None if no number of pulses changes the start's spin to the goal's.
-
-    With None the bound of the hull stands alone.
-    """
-    craft, quantities, goals, period, horizon, effort, scenario, kind = question
-    proves = bounder(craft, period)
-    problem = Problem(scenario.start, scenario.goal, goals, quantities)
-    if not proves.can_stop(problem):
-        return None
-    if kind == "settling":  # Commands are not reported, and the first open level is the bound.
-        effort = replace(effort, levels=1)
-    return (certified_least_time if horizon is None else certified_least_fuel)(
-        proves, problem, steps, effort
-    )
-
-
-def without_certificate(craft: Spacecraft, quantities: Collection[str], period: float) -> str:
-    """Sentences about the bounds of a craft or task without a certificate, and why; "" if there is one.
-
-    For the arguments see `no_certificate`.
-    """
-    missing = no_certificate(craft, quantities, period)
-    if not missing:
-        return ""
-    reason = no_tube(craft, quantities)
-    if reason:
-        return (
-            f"No tight certificate exists: {missing} The hull bound in its place lets translation and "
-            "rotation use all thrusters each, and holds for throttled thrust too. It is not improved, because "
-            f"{reason}"
+    if not craft.thrusters:
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has none."
         )
-    settling = " Settling has the hull bound." if craft.dimension == 3 else ""
-    return (
-        f"No tight certificate exists: {missing} In its place is the greater one of the hull bound and the "
-        f"tube bound, which hold for throttled thrust too.{settling}"
-    )
+    if craft.acting_effectors:
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of thrusters, and it has effectors of other "
+            "kinds."
+        )
+    check_rigid(craft, "certified bounds")
+    if craft.propellant is not None or (craft.wheels and not wheels):
+        covered = "thrusters, wheels" if wheels else "thrusters"
+        raise ConfigError(
+            f"spacecraft {craft.name!r}: certified bounds are those of {covered} and a constant mass; it has "
+            f"{'reaction wheels' if craft.wheels and not wheels else 'propellant'}."
+        )
 
 
-def bounds_table(
-    sentence: str, measure: str, answers: Sequence[Bound], result: Sequence[float]
-) -> Table:
-    """Table of the bound of every start and the cost of its relaxed trajectory, NaN if there is none.
+@runtime_checkable
+class Certificates(Protocol):
+    """Bounds of transfers to a goal that stands still, which a package proves.
 
-    The sentence says for which controllers the bounds hold; the measure is the bounded quantity with its unit.
+    Methods raise `ConfigError` for craft and tasks that no bound covers.
     """
-    has_tube = any(answer.tube is not None for answer in answers)
-    tube = ("tube bound",) if has_tube else ()
 
-    def row(answer: Bound, cost: float) -> tuple[str, ...]:
-        """Row of the table for one start: hull, tube, ``cost`` of the trajectory, certified bounds and gap."""
-        lower = answer.lower
-        upper = answer.upper
-        has_both = lower and upper < math.inf and answer.kind == "arrival"
-        gap = f"{100 * (upper / lower - 1):.1f} %" if lower and has_both else "-"
-        best = f"{upper:.3f}" if answer.kind != "settling" and upper < math.inf else "-"
-        certain = ["-"] * 2 if lower is None else [f"{lower:.3f}", best]
-        loose = [f"{answer.hull:.3f}"]
-        if has_tube:
-            loose.append(figure(math.nan if answer.tube is None else answer.tube, ".3f"))
-        return str(answer.start), *loose, figure(cost, ".3f"), *certain, gap
+    def check(self, craft: Spacecraft, task: Task, period: float) -> None:
+        """Refuse what has no bound, before anything is computed; commands are held for a period, s."""
+        ...
 
-    columns = ("start", "hull bound", *tube, "relaxed", "certified", "on/off found", "gap")
-    rows = [*map(row, answers, result)]
-    return Table(columns, rows, f"What nothing can beat: {measure}", sentence, right=columns)
+    def greatest_force(self, craft: Spacecraft) -> float:
+        """An upper bound of the force of all thrusters on B, N."""
+        ...
+
+    def least_times(self, contest: Contest) -> list[float]:
+        """A quick lower bound of the time to the goal set from every start, s."""
+        ...
+
+    def last_watched(self, contest: Contest) -> float:
+        """Latest settling time for which the bound holds, s.
+
+        A craft that enters the tolerances later may be too fast to stay, and the episode ends before it leaves.
+        """
+        ...
+
+    def first_starts(
+        self,
+        contest: Contest,
+        count: int,
+        events: Sequence[Event],
+        cache: Path | None,
+        workers: int | None,
+        stages: Stages,
+        note: Callable[[str], object],
+    ) -> Iterator[Bound]:
+        """Bounds of events from the first starts, as soon as each is known.
+
+        Args:
+            contest: with the starts.
+            count: number of starts.
+            events: what is bounded from each start.
+            cache: JSON file that keeps bounds.
+            workers: processes, by default one per processor.
+            stages: reports progress.
+            note: called with sentences about bounds that do not exist, or are not tight.
+        """
+        ...
+
+    def bound(
+        self,
+        number: int,
+        craft: Spacecraft,
+        task: Task,
+        period: float,
+        event: Event,
+        seconds: float,
+        start: Scenario,
+    ) -> Bound:
+        """Bound of one start, whose fields are floats, with so much work (nominal s)."""
+        ...
+
+    def add_bounds(
+        self,
+        bounds: list[Bound],
+        craft: Spacecraft,
+        task: Task,
+        period: float,
+        event: Event,
+        measure: str,
+        seconds: float,
+        starts: Scenario,
+        costs: Sequence[float],
+    ) -> None:
+        """Add and print bounds of an event from every start, and for a time those of settling.
+
+        An interrupt leaves those that are finished. Costs are those of trajectories to the same event, of a measure
+        with its unit, NaN where there is none; empty: there are no trajectories.
+        """
+        ...
+
+
+def _checked(found: Any) -> Certificates:
+    if not isinstance(found, Certificates):
+        raise ConfigError(
+            f"certificates must have the methods of {Certificates.__name__}, got {brief(found)}."
+        )
+    return found
+
+
+CERTIFICATES: Registry[Certificates] = Registry(
+    kind="certificate", group="rans.certificates", built_in={}, checked=_checked
+)
+"""Certified bounds that installed packages prove, by what is bounded."""
+
+
+def certificates() -> Certificates:
+    """Bounds of transfers to a goal that stands still; `ConfigError` if no installed package proves them."""
+    return CERTIFICATES["transfer"]

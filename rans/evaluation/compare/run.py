@@ -17,15 +17,7 @@ import numpy as np
 from rans.display import NotebookRepr
 from rans.errors import ConfigError, RansError, counted, installing, is_installed
 from rans.evaluation.compare import entrants, relaxed
-from rans.evaluation.compare.bounds import (
-    Amounts,
-    Bound,
-    Event,
-    goal_set,
-    staying_set,
-    without_certificate,
-)
-from rans.evaluation.compare.certified import certified_bounds
+from rans.evaluation.compare.bounds import Amounts, Bound, Event, certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.mission_bounds import MissionBounds
 from rans.evaluation.compare.relaxed import Relaxed
@@ -33,14 +25,10 @@ from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.problems import bounded, problem_bounds
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.optimal.trajectory.arrival import check_goal
 from rans.optimal.trajectory.objectives import MinimumTime
 from rans.progress import Progress, Stages, unseen_stages
-from rans.scenario import each
-from rans.tasks.goal_set import aims
 
 _SLOW = ("mpc", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
@@ -103,17 +91,12 @@ class Comparison(NotebookRepr):
     def least_time(self) -> float:
         """Least time of this craft from a typical start, s: the scale of all instants that are compared.
 
-        It is the median over starts of the hull's bound, which is 5 to 12 % below the relaxed optimum, and is
-        rounded to half of its leading digit, so that other seeds have the same instants.
+        It is the median over starts of a quick bound, and is rounded to half of its leading digit, so that other
+        seeds have the same instants.
         """
         contest = replace(self.contest, episodes=_TYPICAL_STARTS)
         try:
-            goals = goal_set(contest.task)
-            check_rigid(contest.craft, "bounds")
-            bounds = [
-                hull.least_time(contest.craft, aims(contest.task), one.start, one.goal, goals)
-                for one in each(contest.starts)
-            ]
+            bounds = certificates().least_times(contest)
         except ConfigError:
             bounds = []
         typical = [bound for bound in bounds if 0.0 < bound < math.inf]
@@ -155,22 +138,8 @@ class Comparison(NotebookRepr):
         rows = [answers[k] for k in self.certified_starts()]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
         if event.kind == "settling" and rows:
-            lower = np.minimum(lower, self._last_watched())
+            lower = np.minimum(lower, certificates().last_watched(self.contest))
         return Amounts(event, lower), Amounts(event, upper)
-
-    def _last_watched(self) -> float:
-        """Latest settling time for which the bound holds, s.
-
-        A craft that enters the tolerances later may be too fast to stay, and the episode ends before it leaves.
-        """
-        craft = self.contest.craft
-        task = self.contest.task
-        period = self.contest.timing.control_period
-        return max(
-            0.0,
-            self.contest.duration
-            - hull.staying_time(craft, staying_set(craft, task, period), period),
-        )
 
     def impossible(self) -> list[str]:
         """Sentences about flights below a certified bound, each of which would prove an error in the package."""
@@ -234,7 +203,7 @@ class Comparison(NotebookRepr):
             contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
             opponents: names of controllers, and "optimal"; None: those of `default_opponents`.
             certified: number of starts whose bounds are certified.
-            cache: see `certified_bounds`.
+            cache: see `rans.evaluation.compare.bounds.Certificates`.
             stages: reports progress.
             workers: processes, by default one per processor.
             returns: whether the optima of the task's return are computed too, which take longer than all others.
@@ -297,16 +266,6 @@ def _nothing_claimed(contest: Contest) -> str:
         check_rigid(contest.craft, "optima and bounds")
     except ConfigError as reason:
         return f"Neither optima nor bounds are claimed: {reason}"
-    return ""
-
-
-def _uncertified(contest: Contest) -> str:
-    """Reason why no bound can be certified; "" if one can."""
-    try:
-        goal_set(contest.task)
-        check_certifiable(contest.craft, wheels=True)
-    except ConfigError as reason:
-        return f"No bound is certified: {reason}"
     return ""
 
 
@@ -399,16 +358,11 @@ def _find_certified(
     """Add certified bounds of the first starts to a comparison, or the reason for which there are none."""
     contest = comparison.contest
     events = comparison.events()
-    if reason := _uncertified(contest):
-        comparison.notes.append(reason)
-        return
     count = min(count, contest.episodes)
-    reason = without_certificate(contest.craft, aims(contest.task), contest.timing.control_period)
-    if reason:
-        comparison.notes.append(reason)
-    step = stages("certified bounds", count * len(events))
+    note = comparison.notes.append
     with _noted(comparison, "certified bounds"):
-        for answer in certified_bounds(contest, count, events, cache, workers, step):
+        found = certificates().first_starts(contest, count, events, cache, workers, stages, note)
+        for answer in found:
             # Answers come as they are found; their order in files must not depend on it.
             comparison.certified.append(answer)
             comparison.certified.sort(key=lambda bound: (bound.start, events.index(bound.event)))

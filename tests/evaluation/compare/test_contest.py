@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rans_bounds.starts import goal_set
 
 from rans.errors import ConfigError
-from rans.evaluation.compare.bounds import Amounts, Event, goal_set
+from rans.evaluation.compare.bounds import Amounts, Event
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState

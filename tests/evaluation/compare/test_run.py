@@ -9,14 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rans_bounds.problem import SearchEffort
 
 from rans.errors import ConfigError
-from rans.evaluation.compare import run
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.flight import fly
 from rans.model.timing import Timing
-from rans.optimal.certificate.problem import SearchEffort
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.show.pages.comparison_page import page
 from rans.show.pages.report import comparison_section
@@ -39,7 +38,7 @@ SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
 def _little_effort() -> Iterator[None]:
     """Bounds with wide gaps are bounds too."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.evaluation.compare.certified._EFFORT", SearchEffort(0.5, 0.2, 1))
+        patch.setattr("rans_bounds.first_starts._EFFORT", SearchEffort(0.5, 0.2, 1))
         yield
 
 
@@ -185,7 +184,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(run, "certified_bounds", interrupted)
+    monkeypatch.setattr("rans_bounds.transfers.certified_bounds", interrupted)
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(CONTEST)
     with pytest.raises(KeyboardInterrupt):

@@ -9,13 +9,14 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from rans_bounds.certificate import BOUNDERS, bounder
+from rans_bounds.problem import SearchEffort
+from rans_bounds.starts import bound, no_certificate, question
 from rans_space_certificates.bounder import SpatialBounder
 
-from rans.evaluation.compare.bounds import Event, bound, no_certificate, question
+from rans.evaluation.compare.bounds import Event
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.certificate.certificate import BOUNDERS, bounder
-from rans.optimal.certificate.problem import SearchEffort
 from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims

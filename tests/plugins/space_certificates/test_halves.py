@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_bounds.goal_set import GoalSet
 from rans_space_certificates.halves import HalfTrajectories
 from rans_space_certificates.halves_kernel import gained
 from rans_space_certificates.reach import SpinLattice
@@ -17,7 +18,6 @@ from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate.goal_set import GoalSet
 from tests.support.space_reach import PERIOD, REST, craft_with, near
 from tests.support.states import spatial
 

@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_bounds import hull
+from rans_bounds.certificate import certified_least_fuel, certified_least_time
+from rans_bounds.goal_set import GoalSet
+from rans_bounds.problem import Problem, SearchEffort, Unreachable
 from rans_space_certificates.bounder import SpatialBounder
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
 
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.certificate import certified_least_fuel, certified_least_time
-from rans.optimal.certificate.goal_set import GoalSet
-from rans.optimal.certificate.problem import Problem, SearchEffort, Unreachable
 from tests.support.space_reach import (
     FLYER,
     PERIOD,

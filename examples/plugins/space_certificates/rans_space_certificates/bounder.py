@@ -8,12 +8,12 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from rans_bounds import hull
+from rans_bounds.flight import state_after
+from rans_bounds.goal_set import GoalSet
+from rans_bounds.problem import Found, Problem, SearchEffort, Unreachable
 
-from rans.extend import Spacecraft, SpatialState
-from rans.optimal.certificate import hull
-from rans.optimal.certificate.flight import state_after
-from rans.optimal.certificate.goal_set import GoalSet, rounded_up
-from rans.optimal.certificate.problem import Found, Problem, SearchEffort, Unreachable
+from rans.extend import Spacecraft, SpatialState, rounded_up
 from rans_space_certificates.halves import HalfTrajectories
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
 
@@ -24,7 +24,7 @@ _EVALUATIONS = 24
 class SpatialBounder:
     """Bounds on/off control in space by the dual value alone, and finds no commands.
 
-    See `rans.optimal.certificate.certificate.Bounder`.
+    See `rans_bounds.certificate.Bounder`.
     """
 
     def __init__(self, lattice: SpinLattice) -> None:

@@ -5,7 +5,7 @@ every pulse adds a known spin. So there are finitely many flights of K pulses, a
 start or backwards from the goal, is computed exactly. Only halves that gain enough velocity along the displacement
 can be part of a solution, given the best that the other half can gain; these are at most some hundred thousand.
 If none from the start matches one from the goal in spin, attitude, velocity and position, there is no flight.
-docs/certificate.md has the proof.
+docs/bounds/certificate.md has the proof.
 """
 
 from __future__ import annotations
@@ -16,9 +16,9 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
+from rans_bounds.goal_set import GoalSet
 
 from rans.extend import SpatialState, leaves
-from rans.optimal.certificate.goal_set import GoalSet
 from rans_space_certificates.reach import SpinLattice
 
 _MOST_HALVES = 2_000_000

@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from rans_bounds.compiled import compiled
 
-from rans.optimal.certificate.compiled import compiled
 from rans_space_certificates.kernel import integrate_period, rotated_vector
 
 

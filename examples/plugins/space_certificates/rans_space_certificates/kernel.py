@@ -8,8 +8,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-
-from rans.optimal.certificate.compiled import compiled
+from rans_bounds.compiled import compiled
 
 _TEMPERATURE = 0.05
 """Temperature of annealing, radii: at three times as much the rotation of the first commands is lost."""

@@ -6,7 +6,7 @@ m' = m + 2 n . t + |t|^2: with the parity of m + |t|^2, and no farther from it t
 
 The bound is a Lagrangian dual, minimised over levels by dynamic programming, in which the attitude is relaxed: it
 may be any that a craft with these levels can have reached since the start by rotation about any axis and, in the
-second half, any from which the goal can still be reached. docs/certificate.md has the proof.
+second half, any from which the goal can still be reached. docs/bounds/certificate.md has the proof.
 """
 
 from __future__ import annotations
@@ -17,19 +17,22 @@ from functools import cached_property
 from types import ModuleType
 
 import numpy as np
+from rans_bounds.goal_set import GoalSet, pulse
 
 from rans.errors import NonFiniteState
-from rans.extend import ConfigError, Quat, Spacecraft, SpatialState, Vec3
-from rans.model.actuators import ON_OFF
-from rans.optimal.certificate.goal_set import (
-    GoalSet,
+from rans.extend import (
+    ON_OFF,
+    ConfigError,
+    Quat,
+    Spacecraft,
+    SpatialState,
+    Vec3,
     check_certifiable,
     check_finite,
     check_period,
-    pulse,
+    inertia,
     rounded_up,
 )
-from rans.optimal.trajectory.allocation import inertia
 
 _LARGEST_PRODUCT = 64
 """Largest product of two thrusters' torques, in squared quanta."""

@@ -6,8 +6,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.evaluation.measure.statistics import WANTED, wanted
-from rans.extend import Chart, Fact, Mark, Picture, Section, Series, Table
+from rans.evaluation.measure.statistics import wanted
+from rans.extend import WANTED, Chart, Fact, Mark, Picture, Section, Series, Table
 from rans.show.palette import series_style
 from rans_assurance.sections.assurance import asked
 

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Conditions, ConfigError, Spacecraft, ThrusterConditions, Timing
-from rans.files import distinct
+from rans.extend import Conditions, ConfigError, Spacecraft, ThrusterConditions, Timing, distinct
 from rans.randomization.conditions import FaultConditions
 
 

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.evaluation.measure.statistics import WANTED, share
-from rans.extend import Estimate, Flight, worst_errors
+from rans.evaluation.measure.statistics import share
+from rans.extend import WANTED, Estimate, Flight, worst_errors
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,10 @@ from typing import Any
 
 from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.fly.evidence import about
-from rans.evaluation.measure.statistics import WANTED, too_few
+from rans.evaluation.measure.statistics import too_few
 from rans.extend import (
     QUANTITIES,
+    WANTED,
     Section,
     conditions_text,
     counted,

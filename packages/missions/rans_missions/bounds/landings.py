@@ -24,10 +24,10 @@ from rans.extend import (
     Timing,
     Vec3,
     World,
+    each,
     map_leaves,
     unseen,
 )
-from rans.scenario import each
 from rans_missions.convex.landing import Descent, Lander, Landing, best_landing
 from rans_missions.tasks.land import Land
 from rans_missions.vectors import numbers

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import won
 from rans.extend import (
     Flight,
     Progress,
@@ -19,12 +18,13 @@ from rans.extend import (
     Spacecraft,
     Table,
     Task,
+    each,
     fly,
     impulses,
     unseen,
+    won,
 )
 from rans.reference.flight import fly_in_drake
-from rans.scenario import each
 from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
 from rans_missions.convex.holding import (
     flight_that_holds,

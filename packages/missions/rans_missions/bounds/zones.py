@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.evaluation.compare.bounds import certificates
 from rans.extend import Scenario, Spacecraft, Timing, last_fifth
-from rans.optimal.certificate import hull
 from rans_missions.convex.waypoints import Waypoint, least_impulse_through
 from rans_missions.tasks import Avoid
 
@@ -115,7 +115,7 @@ class Search:
         """
         apart = timing.control_period / timing.checks
         chord = (self._cap + float(np.linalg.norm(v))) * apart
-        push = float(hull.Reach.of(self._craft).force.max()) / self._craft.mass
+        push = certificates().greatest_force(self._craft) / self._craft.mass
         return math.sqrt(max(0.0, radius**2 - 0.25 * chord**2)) - push * apart**2 / 8.0
 
     def bound(self) -> float:

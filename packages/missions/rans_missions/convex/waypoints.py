@@ -9,8 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import Spacecraft, State
-from rans.optimal.certificate.goal_set import check_certifiable, check_finite
+from rans.extend import Spacecraft, State, check_certifiable, check_finite
 from rans_missions.convex.cone_program import Rows
 
 _ROUNDING = 1e-9

@@ -15,7 +15,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rans.evaluation.measure.metrics import won
 from rans.extend import (
     Flight,
     Scenario,
@@ -26,6 +25,7 @@ from rans.extend import (
     impulses,
     last_fifth,
     map_leaves,
+    won,
 )
 from rans_missions.improve.following import MANNERS, Following
 from rans_missions.script import Script

@@ -25,8 +25,9 @@ from rans.extend import (
     Wrench,
     cos,
     sin,
+    wrap,
 )
-from rans.model.fields import atan2, wrap
+from rans.model.fields import atan2
 from rans.model.rotation import symmetric_inverse, symmetric_times
 
 if TYPE_CHECKING:

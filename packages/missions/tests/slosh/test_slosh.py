@@ -12,10 +12,10 @@ from scipy.special import jnp_zeros
 
 import rans
 from rans.errors import ConfigError
+from rans.evaluation.compare.bounds import check_certifiable
 from rans.model.actuators import Propellant, Wheel
 from rans.model.drift import ClohessyWiltshire
 from rans.model.spacecraft import Spacecraft
-from rans.optimal.certificate.goal_set import check_certifiable
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.randomization.conditions import (
     BodyConditions,
