@@ -13,7 +13,7 @@ from rans.choices import EngineName
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
 from rans.cli.options import Trust
-from rans.errors import ConfigError, is_installed, whole
+from rans.errors import ConfigError, is_installed
 from rans.files import (
     command_line,
     distinct,
@@ -80,7 +80,6 @@ class Evaluate(Options):
         """Print the tables of metrics; a multi-task agent is evaluated on each of its tasks."""
         from rans.evaluation.fly.contestants import judged_separately
 
-        whole("--episodes", self.episodes)
         if self.episodes > _KEPT:
             raise ConfigError(
                 f"rans evaluate stores every flight, of {_KEPT:,} at most, got {self.episodes:,}: "

@@ -17,43 +17,28 @@ _KINDS: dict[type, str] = {int: "a whole number", float: "a number"}
 
 
 def registry() -> ConstructorRegistry:
-    """Constructors of tyro for options of the types int and float, optional or not, and tuples of int."""
+    """Constructors of tyro for options of the types int and float, optional or not."""
     constructors = ConstructorRegistry()
-    constructors.primitive_rule(_many)
-    constructors.primitive_rule(_one)
+    constructors.primitive_rule(_number)
     return constructors
 
 
-def _one(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    """How tyro reads a single number, an int or a float that may be None; None for other types."""
+def _number(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
+    """How tyro reads a number, an int or a float that may be None; None for other types."""
     if get_origin(info.type) not in (None, Union, UnionType):
         return None
     types = set(get_args(info.type)) or {info.type}
     kind = next((kind for kind in _KINDS if types - {NoneType} == {kind}), None)
     if kind is None:
         return None
-    name = kind.__name__.upper()
     return PrimitiveConstructorSpec(
         nargs=1,
-        metavar=name,
+        metavar=kind.__name__.upper(),
         instance_from_str=lambda words: (
             None if words == ["None"] and NoneType in types else _read(kind, words[0])
         ),
         is_instance=lambda x: isinstance(x, (int, float, *types)),
         str_from_instance=lambda x: [str(x)],
-    )
-
-
-def _many(info: PrimitiveTypeInfo) -> PrimitiveConstructorSpec[Any] | None:
-    """How tyro reads several whole numbers, a tuple of ints; None for other types."""
-    if info.type != tuple[int, ...]:
-        return None
-    return PrimitiveConstructorSpec(
-        nargs="*",
-        metavar="[INT [INT ...]]",
-        is_instance=lambda x: isinstance(x, tuple),
-        instance_from_str=lambda words: tuple(_read(int, word) for word in words),
-        str_from_instance=lambda x: [str(item) for item in x],
     )
 
 
