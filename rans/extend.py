@@ -82,6 +82,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Batch as Batch
     from rans.fast.learn.rollout import Rollout as Rollout
+    from rans.fast.learn.rollout import gae as gae
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
     from rans.fast.stepping.step import Step as Step
@@ -125,6 +126,7 @@ if TYPE_CHECKING:
     from rans.model.fields import Vector as Vector
     from rans.model.fields import absolute as absolute
     from rans.model.fields import at_least as at_least
+    from rans.model.fields import atan2 as atan2
     from rans.model.fields import cos as cos
     from rans.model.fields import floor as floor
     from rans.model.fields import leaves as leaves

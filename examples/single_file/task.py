@@ -22,10 +22,10 @@ from rans.extend import (
     VectorInW,
     absolute,
     at_least,
+    atan2,
     nearness,
     speed,
 )
-from rans.model.fields import atan2
 
 
 @dataclass(frozen=True)

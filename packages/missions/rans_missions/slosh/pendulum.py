@@ -23,11 +23,11 @@ from rans.extend import (
     Vec2,
     Vec3,
     Wrench,
+    atan2,
     cos,
     sin,
     wrap,
 )
-from rans.model.fields import atan2
 from rans.model.rotation import symmetric_inverse, symmetric_times
 
 if TYPE_CHECKING:
