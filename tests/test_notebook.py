@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from rans.show.pages.notebook import listed
+from rans.show.pages.notebook import html_of
 from rans.show.pages.page import Page, Section
 from rans.table import Table
 
@@ -52,5 +52,5 @@ def test_a_notebook_has_the_table_of_a_page() -> None:
     table = Table(("name", "value", "passed"), [("<b>", 1.5, False), ("b", None, True)], "T")
     whole = re.compile(r"<table>.*</table>", re.DOTALL)
     (in_page,) = whole.findall(Page("page", [Section("s", tables=[table])]).html())
-    assert whole.findall(listed(table.title, table.columns, table.rows)) == [in_page]
+    assert whole.findall(html_of(table)) == [in_page]
     assert "&lt;b&gt;" in in_page

@@ -33,7 +33,8 @@ class AgentData:
 
     def _repr_html_(self) -> str:
         """Table of the notebook: task, spacecraft, conditions, control period and run folder."""
-        from rans.show.pages.notebook import listed
+        from rans.show.pages.notebook import html_of
+        from rans.table import Table
 
         conditions = self.conditions
         rows = [
@@ -43,7 +44,7 @@ class AgentData:
             ("control period", f"{self.timing.control_period:g} s"),
             ("run folder", str(self.folder or "none")),
         ]
-        return listed(self.name, ("", ""), rows)
+        return html_of(Table(("", ""), rows, self.name))
 
     @property
     def name(self) -> str:

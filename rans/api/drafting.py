@@ -35,13 +35,11 @@ class Draft:
         return f"<Draft of {self.spacecraft!r}>"
 
     def _repr_html_(self) -> str:
-        from rans.show.pages.notebook import listed
+        from rans.show.pages.notebook import html_of
+        from rans.table import Table
 
-        return listed(
-            f"{self.spacecraft.name}: largest force and torque",
-            AUTHORITY_COLUMNS,
-            self.authority_rows(),
-        )
+        title = f"{self.spacecraft.name}: largest force and torque"
+        return html_of(Table(AUTHORITY_COLUMNS, self.authority_rows(), title))
 
     def authorities(self) -> tuple[Authority, ...]:
         """The largest force and torque along each axis, see `rans.model.authority.authorities`."""

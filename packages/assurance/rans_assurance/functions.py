@@ -284,9 +284,10 @@ class Faults:
         return f"<Faults of {self.spacecraft.name}: recoverable are {sentence}>"
 
     def _repr_html_(self) -> str:
-        from rans.show.pages.notebook import listed
+        from rans.extend import Table, html_of
 
-        return listed(f"{self.spacecraft.name}: recoverable faults", FAULT_COLUMNS, self.rows())
+        title = f"{self.spacecraft.name}: recoverable faults"
+        return html_of(Table(FAULT_COLUMNS, self.rows(), title))
 
     def rows(self) -> list[tuple[str, str, str, str]]:
         """Fault, recoverable sets, least margin, and the sets that cannot be recovered from."""

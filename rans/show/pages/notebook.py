@@ -1,12 +1,10 @@
-"""HTML of the package's values for notebooks: tables, and drawings of spacecraft."""
+"""HTML of the package's values for notebooks: each is a section, as pages have them."""
 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
 from dataclasses import replace
-from functools import singledispatch
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from rans.errors import legible
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
@@ -16,8 +14,7 @@ from rans.randomization.conditions import Conditions
 from rans.show import markup
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.layout_figure import draw_layout
-from rans.show.figures.svg import data_uri, svg
-from rans.show.pages.page import Section, filled
+from rans.show.pages.page import Picture, Section, filled
 from rans.show.tables.listing import (
     conditions_listing,
     spacecraft_listing,
@@ -27,84 +24,51 @@ from rans.show.tables.listing import (
 from rans.table import Table
 from rans.tasks import Task
 
-if TYPE_CHECKING:
-    from rans.evaluation.compare.run import Comparison
 
-_SIDE = "display:flex;flex-wrap:wrap;gap:1.5em;align-items:flex-start"
-
-
-@singledispatch
 def html_of(value: Any) -> str:
-    """A value as HTML; texts in it are no mark-up."""
+    """A value as HTML: a table, a section, or what has one; texts in it are no mark-up."""
+    section = _section(value)
+    sentences = (section.text, section.hero, *(x for _, x in section.checks), *section.notes)
+    parts = [f"<p>{_said(text)}</p>" for text in sentences if text]
+    parts += (filled("notebook.html.j2", table=table) for table in section.tables)
+    parts += (
+        f'<img style="max-width:100%" src="{picture.source}" alt="{_said(picture.caption)}">'
+        for picture in section.pictures
+    )
+    return "".join(parts)
+
+
+def _section(value: Any) -> Section:
+    """What a notebook says of a value."""
+    match value:
+        case Section():
+            return value
+        case Table():
+            return Section(value.title, tables=[value])
+        case Conditions():
+            return _section(conditions_listing(value))
+        case Metrics():
+            return _section(Table(COLUMNS, [cells for _, cells in value.lines()], value.title()))
+        case Spacecraft():
+            picture = Picture.of(draw_layout(value), f"{value.name}: force of each thruster")
+            tables = [spacecraft_listing(value), thruster_listing(value)]
+            return Section(value.name, tables=tables, pictures=[picture])
+        case Flight():
+            picture = Picture.of(episode_figure(value), "The first episode")
+            return Section("Flight", repr(value), pictures=[picture])
+        case Task():
+            name = type(value).__name__
+            summary = (type(value).__doc__ or "").strip().partition("\n")[0]
+            tables = [x for x in task_listings(value) if not x.title.startswith("Observation")]
+            return Section(name, f"{name}: {summary}", tables)
     # Comparisons need packages that other values do not: if there is one, its module is imported.
     module = sys.modules.get("rans.evaluation.compare.run")
-    if module is not None and isinstance(value, module.Comparison):
-        return _comparison(value)
-    raise TypeError(f"notebooks show no {type(value).__name__}")
-
-
-@html_of.register
-def _(craft: Spacecraft) -> str:
-    picture = (
-        f'<img style="width:24em;max-width:100%" src="{data_uri(svg(draw_layout(craft)))}" '
-        f'alt="{_said(craft.name)}: force of each thruster">'
-    )
-    tables = _table(spacecraft_listing(craft)) + _table(thruster_listing(craft))
-    return f'<div style="{_SIDE}"><div>{tables}</div>{picture}</div>'
-
-
-@html_of.register
-def _(task: Task) -> str:
-    summary = (type(task).__doc__ or "").strip().partition("\n")[0]
-    listings = (
-        listing for listing in task_listings(task) if not listing.title.startswith("Observation")
-    )
-    return f"<p><b>{_said(type(task).__name__)}</b>: {_said(summary)}</p>{''.join(map(_table, listings))}"
-
-
-@html_of.register
-def _(conditions: Conditions) -> str:
-    return _table(conditions_listing(conditions))
-
-
-@html_of.register
-def _(metrics: Metrics) -> str:
-    rows = [
-        (name, value, interval, meaning) for _, (name, value, interval, meaning) in metrics.lines()
-    ]
-    return _table(Table(COLUMNS, rows, metrics.title()))
-
-
-def _comparison(comparison: Comparison) -> str:
-    """HTML of a comparison: its scores as a table, then notes and failures."""
+    if module is None or not isinstance(value, module.Comparison):
+        raise TypeError(f"notebooks show no {type(value).__name__}")
     from rans.show.tables.comparison_tables import score_table
 
-    paragraphs = "".join(
-        f"<p>{_said(text)}</p>" for text in (*comparison.notes, *comparison.failures)
-    )
-    return _table(replace(score_table(comparison), title=comparison.contest.title())) + paragraphs
-
-
-@html_of.register
-def _(flight: Flight) -> str:
-    picture = data_uri(svg(episode_figure(flight)))
-    return f'<p>{_said(repr(flight))}</p><img style="max-width:100%" src="{picture}" alt="The first episode">'
-
-
-@html_of.register
-def _(section: Section) -> str:
-    sentences = (section.hero, *(text for _, text in section.checks), *section.notes)
-    paragraphs = (f"<p>{_said(text)}</p>" for text in sentences if text)
-    return "".join((*map(_table, section.tables), *paragraphs))
-
-
-def listed(title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table as HTML, of what has no form of its own here."""
-    return _table(Table(columns, rows, title))
-
-
-def _table(listing: Table) -> str:
-    return filled("notebook.html.j2", table=listing)
+    table = replace(score_table(value), title=value.contest.title())
+    return Section("Comparison", tables=[table], failures=value.failures, notes=value.notes)
 
 
 def _said(text: str) -> str:

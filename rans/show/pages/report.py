@@ -105,6 +105,8 @@ def report_from_run(run: Path) -> Page:
 def sections_of(run: Path) -> list[tuple[Path, Section]]:
     """The sections of the files of results in a folder, each with its file; see `report_from_run`."""
     evaluations = sorted(run.glob("evaluation*.json"), key=lambda file: file.stem)
+    # How it was trained, where that is not its algorithm alone.
+    method = _read(run / "config.json", lambda config: config.get("about", {}).get("method", ""))
     # A file may have several sections: a package adds to what the core says of it.
     builders: list[tuple[str, Callable[[Any], Section | None]]] = [
         ("compare.json", comparison_section),
@@ -116,7 +118,7 @@ def sections_of(run: Path) -> list[tuple[Path, Section]]:
         ),
         (
             "metrics.jsonl",
-            partial(training_section, name=run.resolve().name, method=_method(run)),
+            partial(training_section, name=run.resolve().name, method=method),
         ),
         ("validation.json", validation_section),
     ]
@@ -220,16 +222,8 @@ def _curves(curves: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
         yield Chart(over or "size", quantity, series, f"{title}.", logarithmic="xy")
 
 
-def _method(run: Path) -> str:
-    """How a run was trained, as its config.json says where that is not its algorithm alone; else ""."""
-    file = run / "config.json"
-    config = read_json(file) if file.is_file() else None
-    about = config.get("about") if isinstance(config, dict) else None
-    return brief(about["method"]) if isinstance(about, dict) and "method" in about else ""
-
-
 def training_section(
-    rows: Sequence[Mapping[str, Any]], name: str = "", method: str = ""
+    rows: Sequence[Mapping[str, Any]], name: str = "", method: Any = ""
 ) -> Section | None:
     """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys.
 
@@ -249,7 +243,7 @@ def training_section(
     ]
     return Section(
         "Training",
-        f"By {method}." if method else "",
+        f"By {brief(method)}." if method else "",
         [Table(("at the end", "value"), [(fact.what, fact.value) for fact in facts])],
         [Picture.of(chart) for chart in learning_charts(rows)],
         facts,
