@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.contract import contract as contract
     from rans.deploy.contract import golden_pairs as golden_pairs
-    from rans.deploy.export import write_agent as write_agent
     from rans.deploy.numpy_file import write_numpy as write_numpy
     from rans.deploy.program import Ports as Ports
     from rans.effectors.effector import Action as Action

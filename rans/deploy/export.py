@@ -66,6 +66,8 @@ class Exporter(Protocol):
         form: str = ...,
         episodes: int = ...,
         seed: int = ...,
+        *,
+        name: str = ...,
     ) -> dict[str, Any]:
         """Write the contestant that a text names into a folder, and return its card."""
         ...
@@ -99,6 +101,7 @@ def write_export(
     least: float = 0.0,
     prefix: str = "",
     spec: str = "",
+    name: str = "",
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
@@ -107,13 +110,14 @@ def write_export(
     any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
     nothing, and agent_check.c; "c8": the same with weights of a byte. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
-    form, so that several may share a folder. An agent that was exported before keeps its name; a trained one has
-    that of the folder. Everything is written anew: nothing
-    that was hidden in the run's files is handed on.
+    form, so that several may share a folder. Without a name an agent that was exported before keeps its own; a
+    trained one has that of the folder. Everything is written anew: nothing that was hidden in the run's files is
+    handed on.
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
-    a multi-task agent, with each of its tasks. An agent that was exported before keeps its card. The prefix is
-    that of `rans.deploy.c.files.write_c`, and the spec the contestant's text, of which the contract's evidence is.
+    a multi-task agent, with each of its tasks; 0: there is no card. An agent that was exported before keeps its
+    card. The prefix is that of `rans.deploy.c.files.write_c`, and the spec the contestant's text, of which the
+    contract's evidence is.
 
     Raises:
         ConfigError: the run holds no agent, the folder is a run or another agent's, a package is missing, or
@@ -124,7 +128,8 @@ def write_export(
     loaded = load_policy(run)  # says what is wrong with it, if anything
     source = RunFolder(run)
     target = RunFolder(folder)
-    name = one_line("the name of an agent", _agent_name(source) or folder.resolve().name)
+    name = name or _agent_name(source) or folder.resolve().name
+    name = one_line("the name of an agent", name)
     craft = source.spacecraft()
     if form == "sb3" and not is_identity(craft):
         raise ConfigError(
@@ -133,7 +138,9 @@ def write_export(
         )
     # What the agent is, and what it does on flights of its training.
     config = source.config()
-    card = _card(source)
+    card: dict[str, Any] = {}
+    if episodes:
+        card = {"name": name, "task": config.task, "spacecraft": craft.name} | _card(source)
     saved = read_policy(source.agent_file)
     if form == "c8":
         # From here on this is the agent: golden pairs are its own.
@@ -147,7 +154,7 @@ def write_export(
     pairs = json.dumps(chosen) + "\n"
     # Its contract, and what the conditions of a flight may be.
     check_alone(folder, form, pairs)
-    if "evaluation" not in card:
+    if episodes and "evaluation" not in card:
         card |= evaluated(str(run), fitting_protocols(craft), episodes, seed)
     if (percent := solved_percent(card)) < least:
         raise ConfigError(
@@ -182,14 +189,14 @@ def write_export(
         about["c"] = {"stack": stack, "meaning": "bytes of stack that agent.c needs (agent.h)"}
     write_json(folder / "contract.json", about)
     write_text(folder / "golden.json", pairs)
-    card = {"name": name, "task": config.task, "spacecraft": craft.name} | card
-    write_json(folder / "card.json", card)
+    if card:
+        write_json(folder / "card.json", card)
     return card
 
 
 def solved_percent(card: dict[str, Any]) -> float:
     """Solved flights of a card, %, of the worst of an agent's tasks in its own conditions."""
-    by_task = card["evaluation"].get("own", {})
+    by_task = card.get("evaluation", {}).get("own", {})
     return min((float(figures["solved"][0]) for figures in by_task.values()), default=100.0)
 
 

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
-from rans.deploy.contract import FLIGHTS, PAIRED, RecordedFlights, flights_of_training
+from rans.deploy.contract import PAIRED, RecordedFlights, flights_of_training
 from rans.deploy.export import check_alone, evaluated
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
@@ -34,24 +34,10 @@ from rans.tasks.derived import observation_width
 
 _LARGEST = 2**26
 """Bytes of an ONNX file that is copied; networks in control have less than a thousandth of it."""
-_FLIGHTS_FOR_A_FLIGHT = 512
-"""Flights of which the ranges of a network are taken that is exported to be flown at once."""
 _SUMMARY = (
     "not known: another library trained this policy. Ranges are those of flights with everything as "
     "designed"
 )
-
-
-class _Exported(NamedTuple):
-    """What the files of a policy are made of."""
-
-    run: LoadedRun
-    network: bytes
-    """Content of its ONNX file."""
-    pairs: str
-    """Golden pairs, as JSON."""
-    about: dict[str, Any]
-    """Its contract."""
 
 
 def write_foreign_export(
@@ -60,6 +46,8 @@ def write_foreign_export(
     form: str = "onnx",
     episodes: int = 1024,
     seed: int = EVALUATION_SEED,
+    *,
+    name: str = "",
 ) -> dict[str, Any]:
     """Write a policy "onnx:FILE:TASK-2d@SPACECRAFT" into a folder of its own, and return its card.
 
@@ -68,10 +56,11 @@ def write_foreign_export(
 
     Args:
         spec: the policy's text, with its task.
-        folder: folder to write, whose name becomes the policy's.
+        folder: folder to write.
         form: "onnx".
-        episodes: flights for the card under each protocol.
+        episodes: flights for the card under each protocol; 0: no card is made.
         seed: of their starts.
+        name: of the policy; "": that of the folder.
 
     Raises:
         ConfigError: it is no ONNX file, it has a memory, it does not fit the task and the spacecraft, or the disk
@@ -82,39 +71,10 @@ def write_foreign_export(
             f"{brief(spec)} is exported as onnx, with its contract, and not as {form}: other formats are printed "
             "from the networks of agents that RANS trained."
         )
-    exported = _exported(spec, folder.resolve().name, FLIGHTS)
-    check_alone(folder, form, exported.pairs)
-    _write(exported, folder)
-    # The card, which says that nothing is known of the training.
-    run = exported.run
-    card = {
-        "name": exported.about["agent"],
-        "task": exported.about["task"],
-        "spacecraft": run.craft.name,
-        "training": None,
-        "source": Path(spec.removeprefix("onnx:")).name.partition(":")[0],
-    }
-    card |= evaluated(spec, fitting_protocols(run.craft), episodes, seed)
-    write_json(folder / "card.json", card)
-    return card
-
-
-def export_foreign_for_flight(spec: str, folder: Path) -> None:
-    """Write what a node flies of a policy of another library: network, contract and golden pairs, without a card.
-
-    Raises:
-        ConfigError: see `write_foreign_export`.
-    """
-    label = Path(spec).name.partition(":")[0]
-    _write(_exported(spec, label, _FLIGHTS_FOR_A_FLIGHT), folder)
-
-
-def _exported(spec: str, label: str, count: int) -> _Exported:
-    """Network, flights, golden pairs and contract of a policy."""
-    name = ContestantName.parse(spec)
+    parsed = ContestantName.parse(spec)
     run = contestant(spec)
-    file = name.policy_file
-    if file is None or not name.name.startswith("onnx:"):
+    file = parsed.policy_file
+    if file is None or not parsed.name.startswith("onnx:"):
         raise ConfigError(
             f"{brief(spec)} is no ONNX network, which alone is exported. Let its own library write ONNX, as "
             "examples/trainers do by --save FILE, and export onnx:FILE:TASK-2d."
@@ -125,15 +85,36 @@ def _exported(spec: str, label: str, count: int) -> _Exported:
         raise ConfigError(
             f"{file} has a memory: exported is a network of one input, the observation."
         )
+    network = read_bytes(file, _LARGEST)
     # Flights with everything as designed: nothing is known of a training.
     setup = Setup(run.craft, run.task, run.timing)
-    flights = flights_of_training(run.controller, setup, count=count)
-    pairs = _golden(run, flights.of(slice(PAIRED)))
-    config = TrainConfig(task_name(name, run.task), run.task, run.craft.name, timing=run.timing)
+    flights = flights_of_training(run.controller, setup)
+    pairs = json.dumps(_golden(run, flights.of(slice(PAIRED)))) + "\n"
+    check_alone(folder, form, pairs)
+    name = name or folder.resolve().name
+    config = TrainConfig(task_name(parsed, run.task), run.task, run.craft.name, timing=run.timing)
     text = to_toml(run.craft)
-    about = contract(label, config, run.craft, text, 0, flights.observations)
+    about = contract(name, config, run.craft, text, 0, flights.observations)
     about["conditions"]["summary"] = _SUMMARY
-    return _Exported(run, read_bytes(file, _LARGEST), json.dumps(pairs) + "\n", about)
+    # The network and what stands beside it.
+    folder.mkdir(parents=True, exist_ok=True)
+    replace_file(folder / "agent.onnx", lambda draft: draft.write_bytes(network))
+    write_text(folder / "spacecraft.toml", text)
+    write_json(folder / "contract.json", about)
+    write_text(folder / "golden.json", pairs)
+    if not episodes:
+        return {}
+    # The card, which says that nothing is known of the training.
+    card = {
+        "name": name,
+        "task": about["task"],
+        "spacecraft": run.craft.name,
+        "training": None,
+        "source": Path(spec.removeprefix("onnx:")).name.partition(":")[0],
+    }
+    card |= evaluated(spec, fitting_protocols(run.craft), episodes, seed)
+    write_json(folder / "card.json", card)
+    return card
 
 
 def task_name(name: ContestantName, task: Task) -> str:
@@ -161,12 +142,3 @@ def _golden(run: LoadedRun, flights: RecordedFlights) -> dict[str, Any]:
     return golden_pairs(
         seen, commands, order, run.craft.is_continuous, flights, run.craft, run.task
     )
-
-
-def _write(exported: _Exported, folder: Path) -> None:
-    """The network and what stands beside it."""
-    folder.mkdir(parents=True, exist_ok=True)
-    replace_file(folder / "agent.onnx", lambda draft: draft.write_bytes(exported.network))
-    write_text(folder / "spacecraft.toml", to_toml(exported.run.craft))
-    write_json(folder / "contract.json", exported.about)
-    write_text(folder / "golden.json", exported.pairs)

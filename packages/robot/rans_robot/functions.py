@@ -163,14 +163,15 @@ def fly_on_robot(
     Raises:
         ConfigError: the flight cannot begin: nothing is written then.
     """
+    from rans.deploy.export import write_export
     from rans.evaluation.fly.exported import is_exported
     from rans.extend import ContestantName, RunFolder, contestant, doing, read_contract
     from rans.fast.learn.config import to_table
     from rans_robot.bag import index_bag
     from rans_robot.bus import open_bus, ros_domain
-    from rans_robot.foreign import export_foreign_for_flight, task_name
+    from rans_robot.foreign import task_name, write_foreign_export
     from rans_robot.node import fly_over, planned_task
-    from rans_robot.pilot import Plan, check_plan, export_for_flight, runs_code
+    from rans_robot.pilot import Plan, check_plan, runs_code
     from rans_robot.signals import stop_on_signals
 
     # Which agent, as an export or as a run folder, and its task.
@@ -245,9 +246,9 @@ def fly_on_robot(
         _say(f"Writing the agent of this flight into {folder}.")
         with doing("flying it for the range of its observations"):
             if run is None:
-                export_foreign_for_flight(name.text, folder)
+                write_foreign_export(name.text, folder, episodes=0, name=label)
             else:
-                export_for_flight(run.path, folder)
+                write_export(run.path, folder, "numpy", episodes=0, name=run.path.name)
     # From here on a signal ends the flight with shut valves.
     stop = stop_on_signals()
     link = open_bus(bus)

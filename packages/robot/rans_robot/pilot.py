@@ -19,7 +19,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.deploy.contract import flights_of_training, golden
 from rans.effectors.commands import command_bounds
 from rans.extend import (
     Ball,
@@ -37,25 +36,17 @@ from rans.extend import (
     Vec3,
     World,
     brief,
-    contract,
     first_line,
     inside,
     is_finite,
     load_exported,
-    load_policy,
     positive,
     read_contract,
     read_json,
     read_text,
     scenario,
-    write_agent,
-    write_json,
-    write_text,
 )
-from rans.fast.agent_files.agent import read_policy
-from rans.files import plain
 from rans.safety_filters import safety_filter
-from rans.structure import LARGEST_TOML
 from rans.tasks.base import observation
 from rans_robot.excitation import EXCITATION, Excited
 from rans_robot.frames import Motion, heading_of, quaternion_of
@@ -79,7 +70,6 @@ NOTE_TOPIC = "rans/note"
 """Topic on which a node says why valves are shut."""
 GOAL_TOPIC = "goal_pose"
 """Topic on which a goal may come, such as RViz's."""
-_RANGE_FLIGHTS = 512
 _SPREAD = 20
 """Intervals between states by whose median their rate is judged."""
 
@@ -103,29 +93,6 @@ def craft_hash(craft: Spacecraft) -> str:
 
     text = json.dumps(rounded(table), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()
-
-
-def export_for_flight(run: Path, folder: Path) -> None:
-    """Write what a node flies: an agent as NumPy with contract, golden pairs and spacecraft, without a card.
-
-    Raises:
-        ConfigError: the run holds no agent, or the disk refuses.
-    """
-    loaded = load_policy(run)
-    source = RunFolder(run)
-    config = source.config()
-    craft = source.spacecraft()
-    saved = read_policy(source.agent_file)
-    text = read_text(source.spacecraft_file, LARGEST_TOML)
-    setup = Setup(craft, config.settings, config.timing, config.conditions.or_none)
-    flights = flights_of_training(loaded.controller, setup, count=_RANGE_FLIGHTS)
-    memory = saved.network.architecture.memory
-    about = contract(run.name, config, craft, text, memory, flights.observations)
-    title = f"{run.name}: flies {craft.name} by RANS's task {config.task}."
-    write_agent(folder, "numpy", saved, config.ppo, title, json.dumps(plain(about)), craft)
-    write_text(folder / "spacecraft.toml", text)
-    write_text(folder / "golden.json", json.dumps(golden(saved.network, flights, craft)) + "\n")
-    write_json(folder / "contract.json", about)
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ import pytest
 def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """What a node flies: the shipped agent, as NumPy."""
     pytest.importorskip("rosbags")
-    from rans_robot.pilot import export_for_flight
-
+    from rans.deploy.export import write_export
     from rans.pretrained import pretrained_folder
 
     folder = tmp_path_factory.mktemp("agent") / "go-to-pose-2d"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans_robot.pilot._RANGE_FLIGHTS", 64)
-        export_for_flight(pretrained_folder("go-to-pose-2d"), folder)
+        patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=0)
     return folder
 
 

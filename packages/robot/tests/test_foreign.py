@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_robot.foreign import export_foreign_for_flight, write_foreign_export
+from rans_robot.foreign import write_foreign_export
 from rans_robot.pilot import exported_agent
 
 from rans.errors import ConfigError, RansWarning
@@ -71,6 +71,4 @@ def test_a_network_with_states_is_not_exported(tmp_path: Path) -> None:
     file = tmp_path / "memory.onnx"
     file.write_bytes(model_of(nodes, inputs, outputs, **places))
     with pytest.raises(ConfigError, match="has a memory"):
-        export_foreign_for_flight(
-            f"onnx:{file}:go-to-pose-2d@floating-platform", tmp_path / "flown"
-        )
+        write_foreign_export(f"onnx:{file}:go-to-pose-2d@floating-platform", tmp_path / "flown")

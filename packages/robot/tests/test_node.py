@@ -32,11 +32,11 @@ from rans_robot.pilot import (
     MessagePilot,
     Plan,
     craft_hash,
-    export_for_flight,
 )
 from rans_robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
 
 from rans.cli import main
+from rans.deploy.export import write_export
 from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
@@ -125,8 +125,8 @@ def avoider(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The shipped agent of avoid, as a node flies it."""
     folder = tmp_path_factory.mktemp("avoider") / "avoid-2d"
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans_robot.pilot._RANGE_FLIGHTS", 64)
-        export_for_flight(pretrained_folder("avoid-2d"), folder)
+        patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        write_export(pretrained_folder("avoid-2d"), folder, "numpy", episodes=0)
     return folder
 
 
