@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from rans.cli.door import word as word
     from rans.compile.flight_program import FlightProgram as FlightProgram
     from rans.compile.machine_code import MachineCode as MachineCode
+    from rans.compile.preprocess import NetworkProgram as NetworkProgram
+    from rans.compile.preprocess import PolicyPrograms as PolicyPrograms
     from rans.compile.step_program import StepProgram as StepProgram
     from rans.deploy.c.files import write_c as write_c
     from rans.deploy.columns import written_columns as written_columns
@@ -152,7 +154,9 @@ if TYPE_CHECKING:
     from rans.optimal.trajectory.allocation import inertia as inertia
     from rans.optimal.trajectory.guess import rotation_vector as rotation_vector
     from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
+    from rans.policy.adaptation import Rows as Rows
     from rans.policy.architecture import Architecture as Architecture
+    from rans.policy.authority import Authority as Authority
     from rans.policy.capabilities import Capabilities as Capabilities
     from rans.policy.network import Network as Network
     from rans.policy.preprocess import ColumnExecutor as ColumnExecutor

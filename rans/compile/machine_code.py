@@ -17,13 +17,14 @@ from rans.compile.step_program import StepProgram
 from rans.episode import World
 from rans.flight_statistics import FlightStatistics
 from rans.model.random import Draws
-from rans.policy.architecture import Architecture
+from rans.policy.capabilities import Capabilities
 from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
 from rans.registry import Registry
 
 if TYPE_CHECKING:
     from torch import Tensor
 
+    from rans.compile.preprocess import PolicyPrograms
     from rans.fast.learn.adam import Adam
     from rans.fast.learn.config import PPOSettings
     from rans.fast.learn.fused_gradient import GradientBackend
@@ -44,12 +45,12 @@ class MachineCode(NamedTuple):
 
     step: Callable[[StepProgram, Draws], Callable[[Tensor], Step]]
     """Step of the episodes that a program was traced from, which it changes in place."""
-    preprocessor: Callable[[Architecture, TorchPreprocessor], ColumnExecutor]
+    preprocessor: Callable[[PolicyPrograms, TorchPreprocessor], ColumnExecutor]
     """Preprocessor of a network, which leaves to torch's what it cannot compute."""
     gradient: Callable[[Network, Adam, PPOSettings, int], GradientBackend | None]
     """Gradients of minibatches of so many samples; None: of other networks than these."""
-    lacking: Callable[[Architecture], str]
-    """What ``flights`` lack for a policy, in words; "": nothing."""
+    flown: Capabilities
+    """Kinds of policies that ``flights`` fly."""
     flights: Callable[[World, FlightProgram, Mapping[str, np.ndarray]], WholeFlights]
     """Flights of a policy, from their traced program and the policy's tables (`rans.policy.traced.parameters`)."""
 

@@ -6,11 +6,12 @@ CPU machine code runs them over NumPy arrays.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from importlib.resources import files
 from itertools import islice
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,6 +23,7 @@ from rans.compile.machine_code import machine_code
 from rans.model.trace import UNTRACEABLE, Symbol
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
+from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.symmetry import Symmetries
 from rans.policy.traced import policy_program
@@ -51,7 +53,7 @@ def compiled_preprocessor(
     if like.is_cuda:
         return CudaPreprocessor(architecture, plain, like.device, like.dtype)
     code = machine_code() if like.is_cpu and like.dtype == torch.float32 else None
-    return code.preprocessor(architecture, plain) if code else plain
+    return code.preprocessor(PolicyPrograms(architecture), plain) if code else plain
 
 
 def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
@@ -71,11 +73,11 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
 
     # Filters, and the symmetric view of the spacecraft.
     def viewed(columns: Sequence[Symbol]) -> tuple[list[Symbol], Symbol]:
-        inputs = {
+        given = {
             "body": columns[: architecture.read_count],
             "filters": columns[architecture.read_count :],
         }
-        outputs, _ = symbols(policy, inputs, ["seen", *views])
+        outputs, _ = symbols(policy, given, ["seen", *views])
         return outputs["seen"], outputs["view"][0] if views else Symbol.constant(0)
 
     # Memory of the filters, after the command is known.
@@ -90,8 +92,8 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
             "command": architecture.thrusters,
         }
         rest = iter(row)
-        inputs = {name: list(islice(rest, width)) for name, width in widths.items()}
-        outputs, _ = symbols(policy, inputs, ["filters_after"])
+        given = {name: list(islice(rest, width)) for name, width in widths.items()}
+        outputs, _ = symbols(policy, given, ["filters_after"])
         return outputs["filters_after"], Symbol.constant(0)
 
     width = architecture.read_count + architecture.filtering
@@ -101,6 +103,60 @@ def row_programs(architecture: Architecture) -> list[tuple[RowProgram, int]]:
         if architecture.filtering
         else programs
     )
+
+
+class NetworkProgram(NamedTuple):
+    """Log-odds of on/off thrusters as symbols, with dense layers between two programs of numbers."""
+
+    observed: tuple[Symbol, ...]
+    """Columns of an observation."""
+    statistics: tuple[Symbol, ...]
+    """Mean, scale and zoomed scale of every column."""
+    features: tuple[Symbol, ...]
+    """Inputs of the layers."""
+    outputs: tuple[Symbol, ...]
+    """Outputs of the layers, inputs of what follows."""
+    log_odds: tuple[Symbol, ...]
+    """In the order of the spacecraft's thrusters."""
+
+
+class PolicyPrograms:
+    """Programs of a policy, traced when they are asked for; None where it takes more than arithmetic.
+
+    Args:
+        architecture: of the policy.
+    """
+
+    def __init__(self, architecture: Architecture) -> None:
+        self.architecture = architecture
+
+    def rows(self) -> list[tuple[list[Symbol], list[Symbol]]] | None:
+        """Inputs and outputs of every one of `row_programs`, of which the last is the side."""
+        traced = []
+        with contextlib.suppress(*UNTRACEABLE):
+            for program, width in row_programs(self.architecture):
+                columns = inputs("column", width)
+                outputs, side = program(columns)
+                traced.append((columns, [*outputs, side]))
+            return traced
+        return None
+
+    def network(self) -> NetworkProgram | None:
+        """The whole actor, of one stage of layers."""
+        architecture = self.architecture
+        observed = inputs("observed", architecture.layout.width)
+        with contextlib.suppress(*UNTRACEABLE):
+            values, (stage,) = symbols(
+                policy_program(architecture), {"observation": observed}, ["placed_0"]
+            )
+            statistics = [
+                symbol
+                for name in ("mean", "scale", "zoom")
+                for symbol in inputs(name, architecture.column_count)
+            ]
+            parts = (observed, statistics, stage.inputs, stage.outputs, values["placed_0"])
+            return NetworkProgram(*map(tuple, parts))
+        return None
 
 
 class CudaPreprocessor(ColumnExecutor):
@@ -207,7 +263,7 @@ def source(program: RowProgram, width: int, real: str) -> str:
         real: type of its numbers, "float" or "double".
     """
     # Read one row into registers, and compute.
-    columns = [Symbol.input(f"column_{i}") for i in range(width)]
+    columns = inputs("column", width)
     lines = Lines()
     outputs, side = program(columns)
     text = [

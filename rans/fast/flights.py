@@ -21,6 +21,8 @@ from rans.flight_statistics import FlightStatistics
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
+from rans.policy.allocated import choice
+from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.policy.traced import parameters
 from rans.processes import Workers, processors
@@ -35,6 +37,8 @@ _MANY = 2**17
 """Number of flights from which several processes are used, which take seconds to start."""
 _SHARE = 2 * BATCH["cpu"]
 """Number of flights that a process runs between two results, about one second; an interrupt loses them."""
+_MOST_PATTERNS = 128
+"""Largest number of ways to open thrusters that machine code compares."""
 LISTED = 100_000
 """Largest number of failed flights that are listed by number."""
 
@@ -91,7 +95,7 @@ class Flights:
             return FlightKernel.made(self.world, self._network, self.device, products)
         code = machine_code()
         architecture = self._network.architecture
-        if code is None or code.lacking(architecture):
+        if code is None or code.flown.missing(architecture) or _has_many_patterns(architecture):
             return None
         try:
             tables = parameters(self._network)
@@ -205,6 +209,14 @@ class Flights:
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T
+
+
+def _has_many_patterns(architecture: Architecture) -> bool:
+    """Whether a product of matrices compares a policy's ways to open thrusters faster than machine code does."""
+    if architecture.backbone != "allocated":
+        return False
+    chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
+    return chosen is not None and len(chosen.offset) > _MOST_PATTERNS
 
 
 def _processors() -> int | None:

@@ -13,12 +13,11 @@ import pytest
 import torch
 
 from rans.compile.machine_code import machine_code
-from rans.compile.preprocess import CudaPreprocessor
+from rans.compile.preprocess import CudaPreprocessor, PolicyPrograms
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import FilterSettings, PPOSettings
 from rans.model.spacecraft import Spacecraft
-from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.tasks import TASKS
 from tests.support.engines import FLYER, PLATFORM
@@ -30,8 +29,8 @@ pytestmark = needs_compiler
 class HostLook(CudaPreprocessor):
     """Its kernels made by a C++ compiler."""
 
-    def __init__(self, given: Architecture, plain: Any) -> None:
-        super().__init__(given, plain, torch.device("cpu"), torch.float64)
+    def __init__(self, given: PolicyPrograms, plain: Any) -> None:
+        super().__init__(given.architecture, plain, torch.device("cpu"), torch.float64)
 
     @cached_property
     def _functions(self) -> Any:
@@ -81,7 +80,7 @@ def test_programs_see_and_filter_as_torch_does(
     code = machine_code()
     assert code
     kind = code.preprocessor if dtype == torch.float32 else HostLook
-    programs: Any = kind(given, cast("Any", theirs._preprocessor))
+    programs: Any = kind(PolicyPrograms(given), cast("Any", theirs._preprocessor))
     ours._preprocessor = programs
     assert ours.in_body(engine.observe().requires_grad_()).requires_grad
     if filters is None:

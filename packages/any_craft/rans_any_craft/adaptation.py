@@ -21,12 +21,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import Field, at_least, where, within
+from rans.extend import Authority, Field, Rows, at_least, where, within
 from rans.model.fields import log
 from rans.model.twists import directions
-from rans.policy.adaptation import Estimate, Row, Rows
+from rans.policy.adaptation import Estimate, Row
 from rans.policy.allocated import SHARED, spare, wheels
-from rans.policy.authority import Authority
 from rans.policy.frame_rotation import vector_in_rotated_frame
 
 _WEAK = 0.2

@@ -1,18 +1,26 @@
-"""Whole flights on a CPU: a traced program run by NumPy, and a network as machine code."""
+"""Whole flights on a CPU: a traced program and a network as machine code."""
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 import torch
 
-from rans.extend import FlightProgram, FlightStatistics, Symbol, World
-from rans.model.random import seed_words
-from rans_machine_code.layers import CpuLayers
+from rans.extend import (
+    Capabilities,
+    FlightProgram,
+    FlightStatistics,
+    Symbol,
+    World,
+    draws,
+)
+from rans_machine_code.network import CompiledNetwork, NetworkCode
 from rans_machine_code.program import CompiledProgram
+
+FLOWN = Capabilities(backbones=("dense", "allocated"))
+"""Kinds of policies that these flights fly."""
+_NONE = np.empty(0, np.float32)
 
 
 class CpuFlights:
@@ -34,7 +42,6 @@ class CpuFlights:
         # computed.
         self._world = world
         self._program = program
-        self._own = threading.local()
         # Inputs: random seed, variables of the flights, commands of the policy, and outputs of its layers.
         words = [Symbol.input(name, "int") for name in ("low", "high", "number")]
         variables = (*program.carried, *program.policy.history)
@@ -56,7 +63,20 @@ class CpuFlights:
         self._verdict = CompiledProgram(
             symbols, [program.failure, program.settled, *program.totals]
         )
-        self._layers = [CpuLayers(stage, tables) for stage in program.policy.stages]
+        self._layers = [
+            CompiledNetwork(
+                NetworkCode(
+                    stage.inputs,
+                    (),
+                    stage.inputs,
+                    tuple((layer.units, layer.activation) for layer in stage.layers),
+                    stage.outputs,
+                    stage.outputs,
+                ),
+                [(tables[layer.weight], tables[layer.bias]) for layer in stage.layers],
+            )
+            for stage in program.policy.stages
+        ]
 
     @torch.no_grad()
     def fly(self, first: int, count: int, seed: int, listed: int) -> FlightStatistics:
@@ -65,18 +85,19 @@ class CpuFlights:
         A scenario's draws depend on the seed and its number alone, so that batches of any size give the same
         flights.
         """
-        numbers = np.arange(first, first + count, dtype=np.int32)
-        begin, step, verdict, *memories = self._memory(count)
-        stages = list(zip(self._program.policy.stages, self._layers, memories, strict=True))
+        source = draws(seed, count, first)
+        words = source.low, source.high, source.first
+        programs = self._begin, self._step, self._verdict
+        begin, step, verdict = (program.memory(count) for program in programs)
+        stages = list(zip(self._program.policy.stages, self._layers, strict=True))
         # What is no longer finite flies on in vain: nothing of it is counted.
         with np.errstate(all="ignore"):
-            begin.give((*seed_words(seed), numbers))
-            begun = begin.run(0)
-            step.give((*seed_words(seed), numbers, *begun))
+            begin.give(words)
+            step.give((*words, *begin.run(0)))
             for _ in range(self._world.timing.episode_steps):
                 # The policy: inputs of each stage, then its layers; then commands from the last outputs.
-                for part, (stage, layers, memory) in enumerate(stages):
-                    answers = layers(step.run(part), memory)
+                for part, (stage, layers) in enumerate(stages):
+                    answers = layers(np.stack(step.run(part)), _NONE)
                     for symbol, answer in zip(stage.outputs, answers, strict=True):
                         step.put(symbol, answer)
                 for symbol, command in zip(self._commands, step.run(len(stages)), strict=True):
@@ -90,21 +111,7 @@ class CpuFlights:
                 for variable, value in zip(self._changing, after, strict=True):
                     step.put(variable.symbol, value)
             verdict.give(step.value(variable.symbol) for variable in self._program.carried)
-            failure, settled, *totals = (np.broadcast_to(x, count) for x in verdict.run(0))
+            failure, settled, *totals = verdict.run(0)
         return FlightStatistics.of(
-            self._world, numbers, (failure, settled), totals, listed, "CPU, float32"
+            self._world, source.first, (failure, settled), totals, listed, "CPU, float32"
         )
-
-    def _memory(self, count: int) -> tuple[Any, ...]:
-        """This thread's memory for ``count`` flights, made anew only when the count changes.
-
-        Values of the last batch remain in it: `fly` gives all of them anew.
-        """
-        memory = getattr(self._own, "memory", None)
-        if memory is None or self._own.count != count:
-            self._own.count = count
-            self._own.memory = memory = tuple(
-                variable.memory(count)
-                for variable in (self._begin, self._step, self._verdict, *self._layers)
-            )
-        return memory

@@ -9,19 +9,14 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.loss_gradient import (
-    STATISTICS,
-    Choice,
-    d_logit,
-    opening_term,
-    transition_losses,
-)
+from rans.compile import loss_gradient
 from rans.extend import (
     ACTIVATIONS,
     Adam,
@@ -32,8 +27,7 @@ from rans.extend import (
     Symbol,
     leaves,
 )
-from rans.policy.activations import WITH_SLOPE
-from rans_machine_code.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, shared
+from rans_machine_code.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, compiled
 from rans_machine_code.matmul import (
     WIDTH,
     add_vector_sum,
@@ -43,13 +37,18 @@ from rans_machine_code.matmul import (
     row_correlations,
     row_sums,
 )
+from rans_machine_code.network import joined
 
 _TILE = 512
 """Largest number of samples in a tile, whose activations fit the cache of a core."""
 _LOSS_INPUTS = 3
 """Scalar inputs of the losses: clip range, weights of value and entropy losses, and 1 / samples."""
 
-_SUPPORTED = Capabilities(heads=("on-off",), activations=WITH_SLOPE, privileged_critic=False)
+_SUPPORTED = Capabilities(
+    heads=("on-off",),
+    activations=tuple(name for name, one in ACTIVATIONS.items() if one.slope is not None),
+    privileged_critic=False,
+)
 
 
 class _Arguments(NamedTuple):
@@ -107,131 +106,16 @@ class _Layer(NamedTuple):
     """Output of the layer, (units, tile); later its gradient."""
 
 
-def gradient(
-    network: Network, adam: Adam, settings: PPOSettings, samples: int
-) -> CpuGradient | None:
-    """Gradients of minibatches of ``samples`` transitions; None for networks that it does not support.
+class GradientCode(NamedTuple):
+    """The printed function: tile by tile forward pass, losses and backward pass."""
 
-    Thrusters must be on/off, and actor and critic share float32 layers.
-    """
-    tensor = next(iter(network.tensors.values()))
-    supported = tensor.dtype == torch.float32 and samples % WIDTH == 0
-    supported = supported and not _SUPPORTED.missing(network.architecture)
-    return CpuGradient(network, adam, settings) if supported else None
+    sizes: tuple[int, ...]
+    """Inputs of the first layer, and units of each."""
+    activation: str
+    offsets: tuple[tuple[int, ...], ...]
+    """Of each trunk layer's weight and bias in the row of parameters."""
 
-
-class CpuGradient:
-    """Gradients of minibatches on a CPU, written into its `Adam.gradient`.
-
-    `rans.fast.learn.fused_gradient` is its counterpart on a GPU.
-
-    Args:
-        network: see `gradient`.
-        adam: optimizer, whose `row` and `gradient` keep their addresses.
-        settings: coefficients of the losses.
-    """
-
-    description: ClassVar[str] = "machine code"
-
-    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
-        self._network = network
-        self._adam = adam
-        self._coefficients = settings.clip_range, settings.vf_coef
-        architecture = network.architecture
-        tensors = network.tensors
-        self._activation = architecture.activation
-        self._thrusters = architecture.thrusters
-        *trunk, actor, critic = (
-            name.removesuffix(".weight") for name in network.learnt if name.endswith(".weight")
-        )
-        # Offsets of each trunk layer's weight and bias in the row of parameters.
-        self._offsets = [
-            [tensors[f"{name}.{kind}"].storage_offset() for kind in ("weight", "bias")]
-            for name in trunk
-        ]
-        self._sizes = [
-            tensors[f"{trunk[0]}.weight"].shape[1],
-            *architecture.layers,
-            architecture.thrusters + 1,
-        ]
-        # Both heads are one layer: a thruster's logit is the difference of the actor's outputs for open and shut.
-        length = self._sizes[-1] * (self._sizes[-2] + 1)
-        self._head = np.zeros(length, np.float32)
-        self._d_head = np.zeros(length, np.float32)
-        heads = [
-            [tensors[f"{name}.{kind}"].detach() for name in (actor, critic)]
-            for kind in ("weight", "bias")
-        ]
-        self._heads = [[x.numpy() for x in pair] for pair in heads]
-        self._d_heads = [
-            [
-                adam.gradient.as_strided(x.shape, x.stride(), x.storage_offset()).numpy()
-                for x in pair
-            ]
-            for pair in heads
-        ]
-        depends_on = (
-            *self._sizes,
-            self._activation,
-            *(offset for pair in self._offsets for offset in pair),
-        )
-        self._run = shared("update", depends_on, (POINTER,) * 11 + (LONG, LONG), self._write)
-
-    def inputs(
-        self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
-    ) -> Tensor:
-        """Inputs of the trunk (N, inputs) from columns (N, k) and a history; they are the same in every epoch."""
-        return self._network.inputs(seen, memory)
-
-    def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and statistics, () each, of a minibatch whose memory are the `inputs`.
-
-        The gradient is written into `Adam.gradient`, which is cleared before. Samples are summed tile by tile:
-        another size of tiles is another training in its last bits.
-        """
-        assert part.memory is not None
-        # The largest tile that divides the minibatch, and arrays in the order of `_Arguments`.
-        count = len(part.memory)
-        tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
-        activations = np.empty(sum(self._sizes[1:]) * tile, np.float32)
-        scalars = np.zeros(_LOSS_INPUTS + STATISTICS, np.float32)
-        scalars[:_LOSS_INPUTS] = *self._coefficients, 1 / count
-        tensors = (
-            part.memory.T.contiguous(),
-            part.action.T.contiguous(),
-            part.log_prob,
-            part.advantage,
-            part.target,
-            self._adam.row,
-            self._adam.gradient.zero_(),
-        )
-        # Weights of the joint head, from those of actor and critic.
-        for joint, (actor, critic) in zip(self._parts(self._head), self._heads, strict=True):
-            np.subtract(actor[1::2], actor[0::2], out=joint[:-1])
-            joint[-1:] = critic
-        self._d_head.fill(0.0)
-        self._run(
-            *(x.data_ptr() for x in tensors),
-            self._head.ctypes.data,
-            self._d_head.ctypes.data,
-            activations.ctypes.data,
-            scalars.ctypes.data,
-            tile,
-            count // tile,
-        )
-        # Gradients of actor and critic, from those of the joint head.
-        for joint, (actor, critic) in zip(self._parts(self._d_head), self._d_heads, strict=True):
-            actor[1::2] = joint[:-1]
-            actor[0::2] = -joint[:-1]
-            critic[...] = joint[-1:]
-        # Means of the statistics, and the loss.
-        surrogate, value, entropy, *rest = scalars[_LOSS_INPUTS:] * scalars[_LOSS_INPUTS - 1]
-        loss = surrogate + scalars[1] * value
-        return torch.from_numpy(np.array([loss, surrogate, value, entropy, *rest])).unbind()
-
-    # The printed function: tile by tile forward pass, losses and backward pass.
-
-    def _write(self, code: Code, *values: Value) -> None:
+    def write(self, code: Code, *values: Value) -> None:
         """Print the function, whose arguments are those of `_Arguments`.
 
         The order is fixed by memory: a backward pass overwrites the activations that the forward pass of its tile
@@ -239,13 +123,13 @@ class CpuGradient:
         """
         arguments = _Arguments(*values)
         tile = arguments.tile
-        sizes = self._sizes
+        sizes = self.sizes
         stride = code.mul(tile, arguments.tiles)
 
         # Addresses of weight, bias and their gradients of each layer, and of each layer's output.
         head_weights = sizes[-1] * sizes[-2]
         parameters = [
-            *((arguments.parameters, arguments.gradient, offsets) for offsets in self._offsets),
+            *((arguments.parameters, arguments.gradient, offsets) for offsets in self.offsets),
             (arguments.head, arguments.d_head, (0, head_weights)),
         ]
         addresses = [
@@ -305,7 +189,7 @@ class CpuGradient:
                 layer.stride,
                 code.at(layer.output, begin, FLOAT),
                 tile,
-                "" if is_last else self._activation,
+                "" if is_last else self.activation,
             )
             return []
 
@@ -342,15 +226,15 @@ class CpuGradient:
             Sums stay in registers, one vector each, and are written after the tile's last transition.
             """
             first = code.mul(number, LONG(LANES))
-            rows = [code.add(first, code.mul(tile, LONG(i))) for i in range(self._sizes[-1])]
+            rows = [code.add(first, code.mul(tile, LONG(i))) for i in range(self.sizes[-1])]
             *logits, value = [code.read(outputs, row) for row in rows]
             commands = [
                 code.read(action, code.add(first, code.mul(stride, LONG(i))))
-                for i in range(self._thrusters)
+                for i in range(self.sizes[-1] - 1)
             ]
             # Log-probability and entropy of the actions.
             choices = [
-                Choice(*_printed(code, opening_term, *both))
+                loss_gradient.Choice(*_printed(code, loss_gradient.opening_term, *both))
                 for both in zip(logits, commands, strict=True)
             ]
             log_probs, entropies = (
@@ -359,7 +243,7 @@ class CpuGradient:
             # Losses, and derivatives of the mean over the minibatch.
             d_log_prob, d_value, *losses = _printed(
                 code,
-                transition_losses,
+                loss_gradient.transition_losses,
                 log_probs,
                 entropies,
                 value,
@@ -370,12 +254,14 @@ class CpuGradient:
                 vf_coef,
             )
             for row, command, part in zip(rows, commands, choices, strict=False):
-                (derivative,) = _printed(code, d_logit, command, part.opening, d_log_prob)
+                (derivative,) = _printed(
+                    code, loss_gradient.d_logit, command, part.opening, d_log_prob
+                )
                 code.write(code.fmul(derivative, per_sample), outputs, row)
             code.write(code.fmul(d_value, per_sample), outputs, rows[-1])
             return [code.fadd(old, new) for old, new in zip(sums, losses, strict=True)]
 
-        sums = code.repeat(code.udiv(tile, LONG(LANES)), [zero] * STATISTICS, vector)
+        sums = code.repeat(code.udiv(tile, LONG(LANES)), [zero] * loss_gradient.STATISTICS, vector)
         for i, value in enumerate(sums):
             add_vector_sum(code, value, scalars, LONG(_LOSS_INPUTS + i))
 
@@ -431,9 +317,126 @@ class CpuGradient:
 
     def _before_activation(self, code: Code, gradient: Value, activation: Value) -> Value:
         """Gradient before an activation function, from that after it and the function's value."""
-        slope = ACTIVATIONS[self._activation].slope
+        slope = ACTIVATIONS[self.activation].slope
         assert slope is not None
         return code.fmul(gradient, _printed(code, slope, activation)[0])
+
+
+@lru_cache(64)
+def gradient_code(code: GradientCode) -> Callable[..., None]:
+    """The function, written once for all networks that are alike: that takes longer than hundreds of calls."""
+    return compiled((POINTER,) * 11 + (LONG, LONG), code.write)
+
+
+def gradient(
+    network: Network, adam: Adam, settings: PPOSettings, samples: int
+) -> CpuGradient | None:
+    """Gradients of minibatches of ``samples`` transitions; None for networks that it does not support.
+
+    Thrusters must be on/off, and actor and critic share float32 layers.
+    """
+    tensor = next(iter(network.tensors.values()))
+    supported = tensor.dtype == torch.float32 and samples % WIDTH == 0
+    supported = supported and not _SUPPORTED.missing(network.architecture)
+    return CpuGradient(network, adam, settings) if supported else None
+
+
+class CpuGradient:
+    """Gradients of minibatches on a CPU, written into its `Adam.gradient`.
+
+    `rans.fast.learn.fused_gradient` is its counterpart on a GPU.
+
+    Args:
+        network: see `gradient`.
+        adam: optimizer, whose `row` and `gradient` keep their addresses.
+        settings: coefficients of the losses.
+    """
+
+    description: ClassVar[str] = "machine code"
+
+    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
+        self._network = network
+        self._adam = adam
+        self._coefficients = settings.clip_range, settings.vf_coef
+        architecture = network.architecture
+        tensors = network.tensors
+        *trunk, actor, critic = (
+            name.removesuffix(".weight") for name in network.learnt if name.endswith(".weight")
+        )
+        offsets = tuple(
+            tuple(int(tensors[f"{name}.{kind}"].storage_offset()) for kind in ("weight", "bias"))
+            for name in trunk
+        )
+        length = tensors[f"{trunk[0]}.weight"].shape[1]
+        self._sizes = (length, *architecture.layers, architecture.thrusters + 1)
+        # Both heads are one layer: a thruster's logit is the difference of the actor's outputs for open and shut.
+        length = self._sizes[-1] * (self._sizes[-2] + 1)
+        self._head = np.zeros(length, np.float32)
+        self._d_head = np.zeros(length, np.float32)
+        heads = [
+            [tensors[f"{name}.{kind}"].detach() for name in (actor, critic)]
+            for kind in ("weight", "bias")
+        ]
+        self._heads = [[x.numpy() for x in pair] for pair in heads]
+        self._d_heads = [
+            [
+                adam.gradient.as_strided(x.shape, x.stride(), x.storage_offset()).numpy()
+                for x in pair
+            ]
+            for pair in heads
+        ]
+        self._run = gradient_code(GradientCode(self._sizes, architecture.activation, offsets))
+
+    def inputs(
+        self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
+    ) -> Tensor:
+        """Inputs of the trunk (N, inputs) from columns (N, k) and a history; they are the same in every epoch."""
+        return self._network.inputs(seen, memory)
+
+    def __call__(self, part: Batch) -> tuple[Tensor, ...]:
+        """Loss and statistics, () each, of a minibatch whose memory are the `inputs`.
+
+        The gradient is written into `Adam.gradient`, which is cleared before. Samples are summed tile by tile:
+        another size of tiles is another training in its last bits.
+        """
+        assert part.memory is not None
+        # The largest tile that divides the minibatch, and arrays in the order of `_Arguments`.
+        count = len(part.memory)
+        tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
+        activations = np.empty(sum(self._sizes[1:]) * tile, np.float32)
+        scalars = np.zeros(_LOSS_INPUTS + loss_gradient.STATISTICS, np.float32)
+        scalars[:_LOSS_INPUTS] = *self._coefficients, 1 / count
+        tensors = (
+            part.memory.T.contiguous(),
+            part.action.T.contiguous(),
+            part.log_prob,
+            part.advantage,
+            part.target,
+            self._adam.row,
+            self._adam.gradient.zero_(),
+        )
+        # Weights of the joint head, from those of actor and critic.
+        for joint, (actor, critic) in zip(self._parts(self._head), self._heads, strict=True):
+            joint[...] = joined(actor, critic)
+        self._d_head.fill(0.0)
+        self._run(
+            *(x.data_ptr() for x in tensors),
+            self._head.ctypes.data,
+            self._d_head.ctypes.data,
+            activations.ctypes.data,
+            scalars.ctypes.data,
+            tile,
+            count // tile,
+        )
+        # Gradients of actor and critic, from those of the joint head.
+        for joint, (actor, critic) in zip(self._parts(self._d_head), self._d_heads, strict=True):
+            actor[1::2] = joint[:-1]
+            actor[0::2] = -joint[:-1]
+            critic[...] = joint[-1:]
+        # Means of the statistics, and the loss.
+        surrogate, value, entropy, *rest = scalars[_LOSS_INPUTS:] * scalars[_LOSS_INPUTS - 1]
+        loss = surrogate + scalars[1] * value
+        return torch.from_numpy(np.array([loss, surrogate, value, entropy, *rest])).unbind()
 
     def _parts(self, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Views of the joint head's weights (heads, features) and biases (heads,)."""
@@ -445,4 +448,4 @@ def _printed(code: Code, function: Callable[..., Any], *values: Value) -> list[V
     """Print a function of fields for vectors of samples; its results in order, as `leaves` lists them."""
     inputs = [Symbol.input(f"x{k}") for k in range(len(values))]
     roots = leaves(function(*inputs))
-    return code.evaluated(roots, dict(zip(inputs, values, strict=True)))
+    return code.computed(roots, dict(zip(inputs, values, strict=True)))

@@ -1,6 +1,7 @@
 """Functions of vectors as machine code of this processor, by LLVM through llvmlite, which numba brings.
 
-Users print only through `Code`, whose operations round as NumPy's do unless they say otherwise.
+Users print only through `Code`. Arithmetic rounds as IEEE 754 says, functions are good to some units in the last
+place, and both are the same on every processor.
 """
 
 from __future__ import annotations
@@ -8,14 +9,14 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import math
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any
 
 from llvmlite import binding, ir
 
 from rans.extend import ACTIVATIONS, Symbol, ordered
-from rans_machine_code.dialect import LLVM
+from rans.model.operations import Dialect
 
 Value = Any
 """Of LLVM, or a number of Python's: llvmlite has no types."""
@@ -58,10 +59,38 @@ _EXPONENTIAL = (
     1.6666665459e-1,
     5.0000001201e-1,
 )
+_SINE = (-1.9515295891e-4, 8.3321608736e-3, -1.6666654611e-1)
+_COSINE = (2.443315711809948e-5, -1.388731625493765e-3, 4.166664568298827e-2)
+_TANGENT = (8.05374449538e-2, -1.38776856032e-1, 1.99777106478e-1, -3.33329491539e-1)
+"""Of the sine and cosine within pi/4 and of the arc tangent within tan(pi/8): Cephes' (Moshier, 1989)."""
 _MAGIC = 1.5 * 2**23
 """Added to a float32 it leaves the nearest whole number in the last bits."""
 _SATURATED = 7.90531110763549805
 """Of the hyperbolic tangent in float32: Eigen's (Eigen/src/Core/MathFunctionsImpl.h, ptanh_float)."""
+
+
+LLVM = Dialect(
+    "LLVM",
+    texts={
+        **{"+": "fadd", "-": "fsub", "*": "fmul", "/": "fdiv", "neg": "fneg", "where": "select"},
+        **{sign: f"fcmp_ordered {sign}" for sign in ("<", "<=", ">", ">=", "==")},
+        "!=": "fcmp_unordered !=",
+        **{name: f"real_function {name}" for name in ("abs", "sqrt", "floor")},
+        **{name: name for name in ("sin", "cos", "tanh", "exp", "log", "log1p", "atan2")},
+        **{"maximum": "larger", "minimum": "smaller"},
+    },
+    ints={
+        **{"+": "add", "-": "sub", "*": "mul", "neg": "neg", ">>": "ashr", "abs": "size"},
+        **{"&": "and_", "|": "or_", "^": "xor", "real": "to_real"},
+        **{sign: f"icmp_signed {sign}" for sign in ("<", "<=", ">", ">=", "==", "!=")},
+    },
+    bools={
+        **{"&": "and_", "|": "or_", "^": "xor", "real": "to_real"},
+        **{sign: f"icmp_signed {sign}" for sign in ("==", "!=")},
+    },
+)
+"""Methods of `Code`, each with its first argument, which write an operation on vectors of float32, of whole numbers
+and of truth values."""
 
 
 @lru_cache(None, typed=True)
@@ -142,10 +171,72 @@ class Code(ir.IRBuilder):
         power = self.shl(self.bitcast(rounded, INTS), constant(23))
         return self.bitcast(self.add(self.bitcast(value, INTS), power), FLOATS)
 
-    def log_one_plus(self, x: Value) -> Value:
-        """log(1 + x) of numbers from 0 to 1, as 2 artanh(x / (2 + x)) by its series."""
-        z = self.fdiv(x, self.fadd(x, self.everywhere(2.0)))
+    def log(self, x: Value) -> Value:
+        """The logarithm, which is minus infinity at zero and not a number below."""
+        bits = self.bitcast(x, INTS)
+        # x = m 2^k, m within a factor sqrt(2) of 1.
+        power = self.ashr(self.sub(bits, constant(0x3F3504F3)), constant(23))
+        m = self.bitcast(self.sub(bits, self.shl(power, constant(23))), FLOATS)
+        one = self.everywhere(1.0)
+        rest = self._twice_artanh(self.fdiv(self.fsub(m, one), self.fadd(m, one)))
+        result = self.times_plus(self.to_real(power), self.everywhere(math.log(2.0)), rest)
+        beyond = self.fsub(self.real_function("sqrt", x), self.everywhere(math.inf))
+        return self.select(self.fcmp_ordered(">", x, self.everywhere(0.0)), result, beyond)
+
+    def log1p(self, x: Value) -> Value:
+        """log(1 + x) of numbers from 0 to 1."""
+        return self._twice_artanh(self.fdiv(x, self.fadd(x, self.everywhere(2.0))))
+
+    def _twice_artanh(self, z: Value) -> Value:
+        """2 artanh(z) = log((1 + z) / (1 - z)) of numbers within 1/3, by its series."""
         return self.fmul(z, self._polynomial(self.fmul(z, z), [2 / k for k in range(15, 0, -2)]))
+
+    def sin(self, x: Value) -> Value:
+        """The sine, good to 1e4 rad."""
+        return self._sine_of(x, 0)
+
+    def cos(self, x: Value) -> Value:
+        """The cosine, good to 1e4 rad."""
+        return self._sine_of(x, 1)
+
+    def _sine_of(self, x: Value, quarters: int) -> Value:
+        """The sine of an angle and so many quarters of a turn, as the kernels of `rans.compile.cuda` have it."""
+        # Cody and Waite's reduction to pi/4: pi/2 is a sum of three floats.
+        magic = self.everywhere(_MAGIC)
+        shifted = self.times_plus(x, self.everywhere(2.0 / math.pi), magic)
+        turns = self.fsub(shifted, magic)
+        for part in (-1.5707962513e0, -7.5497894159e-8, -5.3903029534e-15):
+            x = self.times_plus(turns, self.everywhere(part), x)
+        square = self.fmul(x, x)
+        sine = self.times_plus(self._polynomial(square, _SINE), self.fmul(square, x), x)
+        cosine = self.times_plus(
+            self._polynomial(square, _COSINE),
+            self.fmul(square, square),
+            self.times_plus(square, self.everywhere(-0.5), self.everywhere(1.0)),
+        )
+        number = self.add(self.bitcast(shifted, INTS), constant(quarters))
+        size = self.select(self.to_bool(self.and_(number, constant(1))), cosine, sine)
+        return self.select(self.to_bool(self.and_(number, constant(2))), self.fneg(size), size)
+
+    def atan2(self, y: Value, x: Value) -> Value:
+        """The angle of a vector (x, y), from -pi to pi."""
+        a, b = (self.real_function("abs", each) for each in (y, x))
+        least = self.everywhere(1e-30)  # so that the angle of no vector is 0
+        t = self.fdiv(self.smaller(a, b), self.larger(self.larger(a, b), least))
+        # Within tan(pi/8), or turned by pi/4.
+        one = self.everywhere(1.0)
+        far = self.fcmp_ordered(">", t, self.everywhere(math.sqrt(2.0) - 1.0))
+        t = self.select(far, self.fdiv(self.fsub(t, one), self.fadd(t, one)), t)
+        square = self.fmul(t, t)
+        angle = self.times_plus(self._polynomial(square, _TANGENT), self.fmul(square, t), t)
+        angle = self.fadd(angle, self.select(far, self.everywhere(math.pi / 4), constant(0.0)))
+        # Into the octant, the half and the sign of the vector.
+        for is_other, of in (
+            (self.fcmp_ordered(">", a, b), math.pi / 2),
+            (self.icmp_signed("<", self.bitcast(x, INTS), constant(0)), math.pi),
+        ):
+            angle = self.select(is_other, self.fsub(self.everywhere(of), angle), angle)
+        return self.intrinsic(f"llvm.copysign.v{LANES}f32", angle, y)
 
     def total(self, x: Value) -> Value:
         """The sum of a vector's `LANES` numbers, always by halves, so that runs agree bit by bit."""
@@ -183,34 +274,51 @@ class Code(ir.IRBuilder):
             case "":
                 return x
         symbol = Symbol.input("x")
-        return self.evaluated([ACTIVATIONS[name].formula(symbol)], {symbol: x})[0]
+        return self.computed([ACTIVATIONS[name].formula(symbol)], {symbol: x})[0]
 
     def operation(self, symbol: Symbol, operands: Sequence[Value]) -> Value:
         """What a symbol is, of its operands; `rans.model.operations.Untraceable` where there is no code for it."""
-        method, *given = LLVM.pattern(symbol.operation, symbol.operand_kind).split()
-        return getattr(self, method)(*given, *operands)
+        kind = symbol.operand_kind
+        method, *given = LLVM.pattern(symbol.operation, kind).split()
+        chosen = symbol.operation == "where"
+        converted = [
+            value if arg.kind == kind or (chosen and k == 0) else self._as(value, kind)
+            for k, (arg, value) in enumerate(zip(symbol.args, operands, strict=True))
+        ]
+        return getattr(self, method)(*given, *converted)
+
+    def _as(self, x: Value, kind: str) -> Value:
+        """Truth values or whole numbers as those of a wider kind."""
+        return self.to_real(x) if kind == "real" else self.zext(x, INTS)
 
     def real_function(self, name: str, x: Value) -> Value:
         """A function of LLVM on vectors of float32."""
-        return self.intrinsic(f"llvm.{name}.v{LANES}f32", x)
+        return self.intrinsic(f"llvm.{name.replace('abs', 'fabs')}.v{LANES}f32", x)
 
     def to_real(self, x: Value) -> Value:
-        """Whole numbers as float32."""
-        return self.sitofp(x, FLOATS)
+        """Whole numbers, or truth values, as float32."""
+        return self.uitofp(x, FLOATS) if x.type == BOOLS else self.sitofp(x, FLOATS)
+
+    def to_bool(self, x: Value) -> Value:
+        """Whether whole numbers are not zero."""
+        return self.icmp_signed("!=", x, constant(0))
+
+    def size(self, x: Value) -> Value:
+        """Whole numbers without their signs."""
+        return self.larger(x, self.neg(x))
 
     def larger(self, a: Value, b: Value) -> Value:
         """The larger of two numbers; the first where one of them is not a number."""
-        return self.select(self.fcmp_ordered("<", a, b), b, a)
+        return self.select(self._less(a, b), b, a)
 
     def smaller(self, a: Value, b: Value) -> Value:
         """The smaller of two numbers; the first where one of them is not a number."""
-        return self.select(self.fcmp_ordered(">", a, b), b, a)
+        return self.select(self._less(b, a), b, a)
 
-    def evaluated(self, roots: Sequence[Symbol], values: Mapping[Symbol, Value]) -> list[Value]:
-        """Vectors of the roots, from those of their inputs."""
-        return self.extended(roots, dict(values))
+    def _less(self, a: Value, b: Value) -> Value:
+        return (self.fcmp_ordered if a.type == FLOATS else self.icmp_signed)("<", a, b)
 
-    def extended(self, roots: Sequence[Symbol], values: dict[Symbol, Value]) -> list[Value]:
+    def computed(self, roots: Sequence[Symbol], values: dict[Symbol, Value]) -> list[Value]:
         """Vectors of the roots; those of every symbol on the way to them are added to ``values``."""
         for symbol in ordered(roots, values):
             if symbol.operation == "constant":
@@ -261,66 +369,38 @@ class Code(ir.IRBuilder):
             body(LONG(count - count % size), count % size)
 
 
-class MachineModule:
-    """Functions that Python may call without its lock."""
-
-    def __init__(self) -> None:
-        self._module: Any = ir.Module()
-        self._engine = None
-        self._arguments = dict[str, int]()
-
-    def function(self, name: str, kinds: Sequence[ir.Type], write: Callable[..., object]) -> None:
-        """Add one; ``write`` is given its `Code` and arguments."""
-        new = ir.Function(self._module, ir.FunctionType(ir.VoidType(), kinds), name)
-        self._arguments[name] = len(kinds)
-        code = Code(new.append_basic_block())
-        write(code, *new.args)
-        code.ret_void()
-
-    def compiled(self, name: str) -> Callable[..., None]:
-        """The function of this name, when all are there; arguments are addresses and whole numbers.
-
-        It lives as long as the program. The first call compiles the module, after which no function can be added.
-        """
-        if self._engine is None:
-            # which is larger than the code
-            self._engine = _engine(str(self._module))
-            self._module = None
-        kinds = [ctypes.c_int64] * self._arguments[name]
-        return ctypes.CFUNCTYPE(None, *kinds)(self._engine.get_function_address(name))
-
-
-_SHARED: dict[Hashable, tuple[MachineModule, Callable[..., None]]] = {}
-"""Of this process."""
-
-
-def shared(
-    name: str, alike: Hashable, kinds: Sequence[ir.Type], write: Callable[..., object]
+def compiled(
+    kinds: Sequence[ir.Type], write: Callable[..., object], level: int = 3
 ) -> Callable[..., None]:
-    """A function that is written once for all that are alike: that takes longer than hundreds of calls.
+    """A function that Python may call without its lock; arguments are addresses and whole numbers.
 
     Args:
-        name: of the function.
-        alike: everything else that it depends on.
-        kinds: see `MachineModule.function`.
-        write: see there.
+        kinds: of its arguments.
+        write: prints it, given its `Code` and arguments.
+        level: of LLVM's optimisation, 0 to 3.
     """
-    if (name, alike) not in _SHARED:
-        program = MachineModule()
-        program.function(name, kinds, write)
-        _SHARED[name, alike] = program, program.compiled(name)
-    return _SHARED[name, alike][1]
+    module: Any = ir.Module()
+    new = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), "run")
+    code = Code(new.append_basic_block())
+    write(code, *new.args)
+    code.ret_void()
+    engine = _engine(str(module), level)
+    function = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * len(kinds))(
+        engine.get_function_address("run")
+    )
+    vars(function)["engine"] = engine  # the code lives as long as it
+    return function
 
 
 @lru_cache(64)
-def _engine(text: str) -> Any:
+def _engine(text: str, level: int) -> Any:
     """Machine code of a module as LLVM writes it: often the same in one process, and never changed."""
     with contextlib.suppress(RuntimeError):  # newer versions do so themselves
         binding.initialize()
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     machine = binding.Target.from_default_triple().create_target_machine(
-        cpu=binding.get_host_cpu_name(), features=FEATURES, opt=3, jit=True
+        cpu=binding.get_host_cpu_name(), features=FEATURES, opt=level, jit=True
     )
     engine = binding.create_mcjit_compiler(binding.parse_assembly(text), machine)
     engine.finalize_object()

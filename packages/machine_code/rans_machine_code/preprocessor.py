@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 from collections.abc import Mapping
 from functools import cached_property
 
@@ -10,10 +9,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.preprocess import row_programs
-from rans.extend import Architecture, ColumnExecutor, Symbol, TorchPreprocessor
-from rans.model.trace import UNTRACEABLE
-from rans_machine_code.actor_critic import CpuActorCritic
+from rans.extend import ColumnExecutor, PolicyPrograms, TorchPreprocessor
+from rans_machine_code.network import CpuActorCritic
 from rans_machine_code.program import CompiledProgram, ProgramMemory
 
 _MOST_ROWS = 4096
@@ -21,26 +18,26 @@ _MOST_ROWS = 4096
 _IN_BODY = 0
 _VIEWED = 1
 _NEXT_FILTER_MEMORY = 2
-"""Indices into `row_programs`, by the method of `ColumnExecutor` that each computes."""
+"""Indices into `PolicyPrograms.rows`, by the method of `ColumnExecutor` that each computes."""
 
 
 class CpuPreprocessor(ColumnExecutor):
     """Preprocessor on a CPU: machine code over NumPy arrays, in single precision; not thread-safe.
 
     Args:
-        architecture: of the network.
+        policy: programs of the network.
         plain: preprocessor for gradients, for large batches, and for what cannot be compiled.
     """
 
-    def __init__(self, architecture: Architecture, plain: TorchPreprocessor) -> None:
-        self._architecture = architecture
+    def __init__(self, policy: PolicyPrograms, plain: TorchPreprocessor) -> None:
+        self._policy = policy
         self._plain = plain
         self._actor_critic: tuple[Tensor, CpuActorCritic | None] | None = None
         """Whole network compiled with the weights of a tensor, and that tensor."""
 
-    def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[Architecture, TorchPreprocessor]]:
+    def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[PolicyPrograms, TorchPreprocessor]]:
         """Pickling leaves out compiled code and scratch memory, which a copy makes anew."""
-        return CpuPreprocessor, (self._architecture, self._plain)
+        return CpuPreprocessor, (self._policy, self._plain)
 
     def in_body(self, observation: Tensor) -> Tensor:
         """See `ColumnExecutor`."""
@@ -80,11 +77,11 @@ class CpuPreprocessor(ColumnExecutor):
 
         Asked for every new tensor of weights; networks of one shape share their machine code.
         """
-        architecture = self._architecture
-        with contextlib.suppress(*UNTRACEABLE):
-            if not CpuActorCritic.capabilities.missing(architecture):
-                return CpuActorCritic(architecture, tensors)
-        return None
+        architecture = self._policy.architecture
+        if CpuActorCritic.capabilities.missing(architecture):
+            return None
+        program = self._policy.network()
+        return CpuActorCritic(architecture, program, tensors) if program else None
 
     def _can_run(self, rows: Tensor) -> bool:
         return _is_plain_forward(rows) and len(rows) <= _MOST_ROWS and self._programs is not None
@@ -96,14 +93,8 @@ class CpuPreprocessor(ColumnExecutor):
         The last output of each is a whole number, the side; `tests/compile/test_preprocess.py` asks for torch's
         numbers.
         """
-        compiled = []
-        with contextlib.suppress(*UNTRACEABLE):
-            for program, width in row_programs(self._architecture):
-                columns = [Symbol.input(f"column_{i}") for i in range(width)]
-                outputs, side = program(columns)
-                compiled.append(CompiledProgram(columns, [*outputs, side]))
-            return compiled
-        return None
+        rows = self._policy.rows()
+        return None if rows is None else [CompiledProgram(*program) for program in rows]
 
     @cached_property
     def _memory(self) -> dict[tuple[int, int], ProgramMemory]:
@@ -120,10 +111,7 @@ class CpuPreprocessor(ColumnExecutor):
             self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
         memory.give(rows.numpy().T)
         *outputs, side = memory.run(0)
-        sides = torch.from_numpy(np.broadcast_to(side, len(rows)).astype(np.int64))
-        # An output may be a number, the same for all rows.
-        columns = np.stack([np.broadcast_to(output, len(rows)) for output in outputs])
-        return torch.from_numpy(columns).T, sides
+        return torch.from_numpy(np.stack(outputs)).T, torch.from_numpy(side.astype(np.int64))
 
 
 def _is_plain_forward(rows: Tensor) -> bool:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.step_program import BufferWrite
 from rans.extend import Draws, Step, StepProgram, Symbol
 from rans_machine_code.program import CompiledProgram, ProgramMemory
 
@@ -103,15 +103,14 @@ class CompiledStep:
             arrays[store.array][store.row][rows] = value
 
 
-def _everywhere(program: StepProgram) -> Iterator[BufferWrite]:
+def _everywhere(program: StepProgram) -> Iterator[Any]:
     """Stores of every period: those of a reset are selected by ``ended``, since this has no branches.
 
     A final observation is written for every row; only where ``ended`` is true it is read.
     """
     yield from program.always
     for store in program.at_end:
-        old = program.memory[store.row].symbol if store.array == "memory" else store.value
-        chosen = Symbol.apply("where", program.ended, store.value, old)
-        yield BufferWrite(
-            store.array, store.row, chosen if store.array == "memory" else store.value
-        )
+        if store.array == "memory":
+            old = program.memory[store.row].symbol
+            store = replace(store, value=Symbol.apply("where", program.ended, store.value, old))
+        yield store

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rans_machine_code.actor_critic import CpuActorCritic
+from rans_machine_code.network import CpuActorCritic, network_code
 
+from rans.compile.preprocess import PolicyPrograms
 from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import PPOSettings
@@ -51,9 +52,9 @@ def test_answers_are_torchs(craft: Any, settings: Any) -> None:
     ],
     ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"],
 )
-def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_looks_alike_share_their_code(change: Any) -> None:
     """And only those: each says what torch says of its own weights."""
-    monkeypatch.setattr("rans_machine_code.llvm._SHARED", shared := {})
+    network_code.cache_clear()
     first = replace(
         architecture_of(Engine(PLATFORM, NEAR, 1), PPOSettings(layers=(16, 16))), symmetries=SIDES
     )
@@ -62,7 +63,9 @@ def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPat
         observation = torch.randn(
             40, given.layout.width, generator=torch.Generator().manual_seed(seed)
         )
-        found = CpuActorCritic(given, plain.tensors)(observation)
+        program = PolicyPrograms(given).network()
+        assert program
+        found = CpuActorCritic(given, program, plain.tensors)(observation)
         with torch.no_grad():
             expected = plain.evaluate(observation)
         # Sums of 16 float32 products in another order.
@@ -72,4 +75,4 @@ def test_looks_alike_share_their_code(change: Any, monkeypatch: pytest.MonkeyPat
             rtol=1e-5,
             atol=1e-5,  # type: ignore
         )
-    assert len(shared) == 1 + bool(change)
+    assert network_code.cache_info().misses == 1 + bool(change)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from rans_machine_code.llvm import LANES, LONG, POINTER, MachineModule
+from rans_machine_code.llvm import LANES, LONG, POINTER, compiled
 
 X = np.concatenate((np.linspace(-12, 12, 4096), np.geomspace(1e-30, 1e-3, 2048))).astype(np.float32)
 ORACLES = {
@@ -17,7 +17,6 @@ ORACLES = {
 
 @pytest.mark.parametrize("name", ORACLES)
 def test_activations_are_numpys(name: str) -> None:
-    program = MachineModule()
     out = np.empty_like(X)
 
     def write(code, given, to) -> None:
@@ -28,7 +27,6 @@ def test_activations_are_numpys(name: str) -> None:
 
         code.repeat(len(X) // LANES, [], vector)
 
-    program.function("apply", (POINTER, POINTER), write)
-    program.compiled("apply")(X.ctypes.data, out.ctypes.data)
+    compiled((POINTER, POINTER), write)(X.ctypes.data, out.ctypes.data)
     # Eigen's rational function is good to four units in the last place; elu divides by its difference to one.
     np.testing.assert_allclose(out, ORACLES[name](X.astype(np.float64)), rtol=8 * 2.0**-24)

@@ -1,4 +1,4 @@
-"""Programs run by NumPy against the same functions on NumPy's arrays."""
+"""Programs against the same functions on NumPy's arrays."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_machine_code.program import CompiledProgram, ProgramMemory
+from rans_machine_code.program import CompiledProgram
 
 from rans.model.fields import absolute, atan2, cos, exp, floor, log, sin, sqrt, where
 from rans.model.trace import Symbol
@@ -45,12 +45,13 @@ def inputs() -> dict[Symbol, Any]:
 def test_every_operation() -> None:
     given = inputs()
     memory = CompiledProgram(tuple(given), everything(*given)).memory(COUNT)
-    for _ in range(2):  # the second run finds what the first has left
-        memory.give(given.values())
-        for found, expected in zip(memory.run(0), everything(*given.values()), strict=True):
-            assert found.dtype == (np.float32 if expected.dtype == np.float64 else expected.dtype)
-            # The same operations, of numbers of order one, but for those that NumPy makes of float64.
-            np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
+    given[next(iter(given))][:3] = np.nan
+    memory.give(given.values())
+    with np.errstate(invalid="ignore"):
+        right = everything(*given.values())
+    for found, expected in zip(memory.run(0), right, strict=True):
+        # Numbers of order one.
+        np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
 
 
 def test_a_later_part_uses_what_an_earlier_one_found() -> None:
@@ -77,29 +78,3 @@ def test_constants_and_inputs_may_be_asked_for(asked: int) -> None:
     np.testing.assert_array_equal(
         np.broadcast_to(memory.run(0)[0], 3), ([2.5] * 3, [0, 1, 2])[asked]
     )
-
-
-def test_machine_code_finds_numpys_numbers_bit_by_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """In two parts, also of what is no number."""
-    given = inputs()
-    late: Any = Symbol.input("late")
-    a, b, n = symbols = tuple[Any, ...](given)
-    first = everything(*symbols)
-    second = everything(b, a, n + 1)
-    program = CompiledProgram((*given, late), first, (*second, first[0] * late, first[-1] + late))
-    numpy, machine = (program.memory(COUNT) for _ in range(2))
-    for memory in (numpy, machine):
-        memory.give(given.values())
-        memory.put(a, np.where(np.arange(COUNT) < 3, np.nan, given[a]))
-        memory.put(late, 3.0)
-
-    def found(memory: ProgramMemory, often: int) -> list[np.ndarray]:
-        monkeypatch.setattr("rans_machine_code.program._OFTEN", often)
-        with np.errstate(all="ignore"):
-            return [value.copy() for part in (0, 1) for value in memory.run(part)]
-
-    expected = found(numpy, 10**9)
-    for _ in range(3):  # machine code from the second on
-        for value, other in zip(found(machine, 2), expected, strict=True):
-            np.testing.assert_array_equal(value.view(np.uint8), other.view(np.uint8))
-    assert len(machine._calls[0]) < len(numpy._calls[0]) / 2
