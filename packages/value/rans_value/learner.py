@@ -37,7 +37,6 @@ from rans.extend import (
     RunFolder,
     Spacecraft,
     State,
-    Task,
     Timing,
     TrainConfig,
     load_policy,
@@ -47,7 +46,8 @@ from rans.extend import (
 )
 from rans.fast.learn.graph import fused
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
-from rans_value.problem import TRADE_OFF, PoseProblem, equivalent, relative
+from rans_value.goal_frame import GoalFrame, equivalent
+from rans_value.problem import TRADE_OFF, PoseProblem
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -78,6 +78,9 @@ _TRIED = 16
 """Patterns of open valves that are tried, of those whose valves alone promise the least cost."""
 _AHEAD = 4
 """Patterns after which a further period is searched."""
+_LEVELS = (0.5, 0.25, 0.1)
+"""Parts of the first `_AHEAD` patterns that are tried too where thrusters are throttled or pulsed. Commands of
+least time or impulse open them wholly; holding a pose, or a spin between two pulses, takes less."""
 _JUDGED = 96
 """Patterns whose costs are labels of the policy."""
 _DECIDED = 0.1
@@ -164,7 +167,7 @@ class Greedy:
     def _costs(self, state: Tensor, patterns: Tensor) -> Tensor:
         """Costs (C, N) of patterns (C, N, n) or (C, 1, n) from states (rows, N), s."""
         each = state[:, None].expand(-1, len(patterns), -1)
-        after, cost, discount = self.period(each, patterns.expand(-1, state.shape[1], -1))
+        after, cost, discount = self.problem.step(each, patterns.expand(-1, state.shape[1], -1))
         return cost + discount * self.value(after)
 
     def _first(self, state: Tensor, count: int) -> tuple[Tensor, Tensor]:
@@ -181,13 +184,17 @@ class Greedy:
         best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices
         patterns = patterns.gather(0, best[..., None].expand(-1, -1, patterns.shape[2]))
         each = state[:, None].expand(-1, len(patterns), -1)
-        after, cost, discount = self.period(each, patterns)
+        after, cost, discount = self.problem.step(each, patterns)
         rest = self._best(after.flatten(1), periods)[1]
         return best, patterns, cost + discount * rest.view_as(cost)
 
     def _best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
         """Patterns (N, n) of least cost over some periods, and that cost (N,), s."""
         patterns, costs = self._first(state, _TRIED)
+        if self.problem.craft.is_continuous:
+            parts = torch.cat([level * patterns[:_AHEAD] for level in _LEVELS])
+            patterns = torch.cat((patterns, parts))
+            costs = torch.cat((costs, self._costs(state, parts)))
         if periods > 1:
             _, patterns, costs = self._ahead(state, patterns, costs, periods - 1)
         least, index = costs.min(dim=0)
@@ -209,13 +216,6 @@ class Greedy:
         costs = costs + (ahead - costs.gather(0, best)).mean(dim=0)
         costs = torch.maximum(costs, ahead.amax(dim=0)).scatter(0, best, ahead)
         return patterns, costs - costs.amin(dim=0)
-
-    def period(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """State after a period, its cost and its discount."""
-        problem = self.problem
-        commands = command.unbind(dim=-1)
-        cost = problem.waiting(state) + problem.thrust_price(state) * problem.burnt(commands)
-        return problem.moved(state, commands), cost, problem.discount(state)
 
 
 class ValueLearner:
@@ -256,7 +256,7 @@ class ValueLearner:
         self._progress = 0.0
         device = engine.device
         self._generator = torch.Generator(device).manual_seed(generator.initial_seed())
-        self.problem = PoseProblem(engine.craft, engine.task, engine.timing.control_period)
+        self.problem = PoseProblem(engine.craft, engine.task, engine.timing)
         # The value function, and its average, by which is flown.
         self._pool = self.states()
         example = torch.cat((self._pool, self._fresh()), dim=1)
@@ -265,7 +265,7 @@ class ValueLearner:
         self.average = deepcopy(self.value)
         self.greedy = Greedy(self.problem, self.average)
         self._value_adam = torch.optim.Adam(self.value.parameters(), _RATE, fused=True)
-        self._period = fused(self.greedy.period, device)
+        self._period = fused(self.problem.step, device)
         self._value_of = fused(self.average.forward, device)
         self._loss = fused(self._loss_of, device)
         sides = (self.problem.turn, self.problem.hand, self.problem.place)
@@ -305,7 +305,7 @@ class ValueLearner:
     def states(self) -> Tensor:
         """States (rows, N) of the engine's episodes in the frame of their goals."""
         engine = self.engine
-        return relative(engine.state, engine.goal, self.rollout.terms)
+        return self.problem.frame.relative(engine.state, engine.goal, self.rollout.terms, TRADE_OFF)
 
     # The value function: flights by its commands, and gradient steps towards their costs.
 
@@ -355,11 +355,11 @@ class ValueLearner:
             trade_off = (value + 0.5 * self._uniform(count) - 0.25).clamp(min=0.0, max=1.0)
             flown, periods = [], []
             for _ in range(engine.timing.episode_steps - 1):
-                state = relative(flights.state, flights.goal, self.rollout.terms)
+                state = problem.frame.relative(flights.state, flights.goal, self.rollout.terms)
                 state[-1] = trade_off
                 command, memory = network.deterministic_action(observation, memory)
                 flown.append(state)
-                periods.append(self.greedy.period(state, command)[1:])
+                periods.append(self.problem.step(state, command)[1:])
                 observation = flights.step(flights.commands(command)).observation
             total = torch.zeros_like(trade_off)
             totals = []
@@ -395,9 +395,10 @@ class ValueLearner:
         sides = zip(self._turn, self._hand, strict=True)
         seen = [self._value_of(equivalent(state, *side)) for side in sides]
         target = torch.stack(seen).mean(dim=0)
-        # Flights that are lost, or never come to rest, begin anew.
+        # Flights that are over, or never come to rest, begin anew.
         most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
-        self._ends = state[:, target < most]
+        goes_on = (target < most) & ~self.problem.frame.is_over(state)
+        self._ends = torch.where(goes_on, state, fresh)
         targets = []
         for cost, discount in zip(reversed(costs), reversed(discounts), strict=True):
             target = cost + discount * target
@@ -433,6 +434,8 @@ class ValueLearner:
         # Errors count relative to the value, with a floor of a tenth of the time scale.
         floor = 0.1 * self.problem.scale * (1.0 + self.problem.price(state))
         error = (self.value(seen) - target) / (target + floor)
+        # Nothing follows the end of a flight, and nobody asks for the value there.
+        error = error.where(~self.problem.frame.is_over(seen), 0.0)
         return functional.smooth_l1_loss(error, torch.zeros_like(error), beta=0.05)
 
     # The policy: commands of the value function in states that the policy reaches.
@@ -455,6 +458,9 @@ class ValueLearner:
             side = (order[:, None] == self._place).all(dim=2).to(torch.uint8).argmax(dim=1)
             seen = equivalent(state, self._turn[side], self._hand[side])
             patterns, regret = self.greedy.label(seen)
+            # The network may look from sides from which the task is another one: there, in its order of thrusters.
+            opened = patterns.gather(2, self._place[side].expand_as(patterns))
+            patterns = torch.zeros_like(patterns).scatter(2, order.expand_as(patterns), opened)
             least = regret.argmin(dim=0)[None, :, None].expand(1, -1, patterns.shape[2])
             label = patterns.gather(0, least)[0]
             mode = network.evaluate_seen(columns).policy.mode()
@@ -513,7 +519,6 @@ def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
     _check_craft(craft)
-    _check_task(engine.task)
     policy = network.architecture
     if engine.processes.size > 1 or policy.memory or policy.backbone != "dense":
         raise ConfigError(
@@ -533,20 +538,6 @@ def _check_craft(craft: Spacecraft) -> None:
         raise ConfigError(
             f"value functions are of craft with thrusters alone, without a tank, and {craft.name} is no such "
             'craft: fly any-craft, or train with the algorithm "ppo".'
-        )
-
-
-def is_flown(task: Task) -> bool:
-    """Whether a task is a flight to a pose at rest that nothing else limits."""
-    return type(task) in (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
-
-
-def _check_task(task: Task) -> None:
-    """Reject (`ConfigError`) tasks other than a flight to a pose at rest that nothing else limits."""
-    if not is_flown(task):
-        raise ConfigError(
-            "the value function is of flights to a pose (go-to-pose, go-to-pose-priced), got "
-            f"{type(task).__name__}: take another algorithm or controller."
         )
 
 
@@ -579,15 +570,13 @@ class GreedyController:
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
         settings: Any = config.settings
-        most: float = settings.position_tolerance
+        most: float = settings.tolerances()["position"]
         if position_tolerance is not None and not 0.0 < position_tolerance <= most:
             raise ConfigError(
                 f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
                 f"{position_tolerance!r}."
             )
-        problem = PoseProblem(
-            run.spacecraft(), settings, config.timing.control_period, position_tolerance
-        )
+        problem = PoseProblem(run.spacecraft(), settings, config.timing, position_tolerance)
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
@@ -600,8 +589,9 @@ class GreedyController:
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) of states."""
-        seen = relative(state, goal, self._greedy.value.mean, self._trade_off)
-        return self._greedy.command(seen).numpy()
+        greedy = self._greedy
+        seen = greedy.problem.frame.relative(state, goal, greedy.value.mean, self._trade_off)
+        return greedy.command(seen).numpy()
 
 
 SHIPPED = Path(__file__).parent / "data"
@@ -623,7 +613,7 @@ class Newest(GreedyController):
 
     def __init__(self, craft: Spacecraft, task: Any, timing: Timing) -> None:
         _check_craft(craft)
-        _check_task(task)
+        frame = GoalFrame(craft, task, timing)
         files = Path("runs").glob("**/config.json")
         newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
         for file in (*newest, *SHIPPED.glob("*/config.json")):
@@ -635,23 +625,21 @@ class Newest(GreedyController):
             is_value = isinstance(table, dict) and table.get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()
-                trained: Any = config.settings
                 fits = (
                     run.spacecraft() == craft
                     and config.timing.control_period == timing.control_period
-                    and trained.attitude_tolerance == task.attitude_tolerance
-                    and trained.position_tolerance >= task.position_tolerance
+                    and GoalFrame(craft, config.settings, timing).serves(frame)
                 )
                 if fits:
                     held = task.held_trade_off
                     trade_off = TRADE_OFF if held is None else held
-                    super().__init__(run.path, trade_off, task.position_tolerance)
+                    super().__init__(run.path, trade_off, frame.tolerances["position"])
                     return
         how = "--quality best" if craft.dimension == 2 else "--set algorithm=value"
         raise ConfigError(
-            f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s with the "
-            "tolerances of the task, or a larger one of the position: train one, with rans train go-to-pose "
-            f"{how} on a GPU."
+            f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s for what "
+            f"{type(task).__name__} asks, or with a larger tolerance of the position: train one on a GPU, as with "
+            f"rans train go-to-pose {how}."
         )
 
 
@@ -684,7 +672,8 @@ class Value(Algorithm):
     @classmethod
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
         """Config for flights to a pose in the plane on a GPU; without one the agent for any craft is better."""
-        fits = craft.dimension == 2 and suits(craft) and is_flown(config.settings)
+        poses = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
+        fits = craft.dimension == 2 and suits(craft) and type(config.settings) in poses
         if not fits or config.device.startswith("cpu"):
             return None
         return cls.started(replace(config, algorithm="value", learner={}))
@@ -700,6 +689,7 @@ class Value(Algorithm):
             learner=config.learner | (_SMALL if is_small else {}),
             total_timesteps=_ITERATIONS * ppo.n_envs * ppo.n_steps,
             report_interval=40,
+            curriculum=(),
             solved_share=None,
             compiled=None if is_small else True,
         )

@@ -1,8 +1,7 @@
 """Flights to a pose as a problem of optimal control: motion, costs, and inputs of a value function.
 
-A flight costs the time outside the goal set and the price of its impulse. States are (rows, ...): position (m),
-attitude (heading, rad, or quaternion) and velocity (m/s) of the craft in the frame of the goal, spin (rad/s; in
-space in B), and the trade-off between time and impulse, 0 to 1.
+A flight costs the time outside the goal set and the price of its impulse; one that is lost, because it failed or
+broke a limit, costs as much as a whole flight that does not arrive. States are those of `rans_value.goal_frame`.
 """
 
 from __future__ import annotations
@@ -10,38 +9,21 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.extend import (
-    REST_SPEED,
-    REST_SPIN,
-    Body,
-    Heading,
-    PlanarState,
-    Quat,
-    Spacecraft,
-    SpatialState,
-    State,
-    Vec2,
-    Vec3,
-    advance,
-    leaves,
-    map_leaves,
-)
-from rans.model.dynamics import mean_thrust, undelayed
+from rans.extend import REST_SPEED, REST_SPIN, Heading, Quat, Spacecraft, Timing, Vec2, Vec3, aims
+from rans.model.dynamics import mean_thrust
 from rans.policy.allocation import subsets
 from rans.policy.symmetry import symmetries
+from rans_value.goal_frame import GoalFrame, parted
 
 _ENUMERATED = 2**16
 """Largest number of patterns of open valves: all of 16 thrusters, of more those with fewest open. The free flyer's
 have 4,225 different effects."""
-_NODES = 4
-"""Nodes of the quadrature of translation, of which float32 needs four."""
 _INSIDE = 0.99
 """Tolerances of the costs, of those of the task, so that rounding leaves no flight outside."""
 _RESTLESS = 0.8
@@ -62,6 +44,10 @@ _ERROR = 0.3
 """Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
 value function, or of a policy that imitates its commands, leave no flight outside. It is linear in the error:
 by its square, 0.2 at the borders, 3 instead of 59 % of flights stay within 2 cm."""
+_AIMED = math.radians(5.0)
+"""Error of attitude at which inputs are steep where none is asked for."""
+_MARGINS = 0.05
+"""Margin of a limit at which inputs are steep, of the range."""
 _SCALES = (1.0, 0.2)
 """Tolerances at which inputs of the value function are steepest, of the errors and their rates, over those of the
 goal set."""
@@ -69,73 +55,37 @@ _COARSE = 0.02
 """Least distance between headings at rest, rad, at which the value function is given where they lie."""
 
 
-def relative(state: State, goal: State, like: Tensor, trade_off: float = TRADE_OFF) -> Tensor:
-    """States (rows, N) of N spacecraft in the frame of their goals, in dtype and device of another tensor.
-
-    The trade-off counts where the goals note none.
-    """
-    number = partial(torch.as_tensor, dtype=like.dtype, device=like.device)
-    now: Any = map_leaves(number, state)
-    aim: Any = map_leaves(number, goal)
-    back = aim.attitude.inverse()
-    noted = number(getattr(goal.notes, "trade_off", trade_off))
-    rows = (
-        *back.rotate(now.p - aim.p).columns(),
-        *leaves(aim.attitude.to(now.attitude).normalised()),
-        *back.rotate(now.v - aim.v).columns(),
-        *now.spin(),
-        noted,
-    )
-    return torch.stack(torch.broadcast_tensors(*rows))
-
-
-def parted(state: Tensor) -> tuple[Tensor, ...]:
-    """Rows of position, attitude, velocity, spin and trade-off of states (rows, ...)."""
-    return state.split((2, 1, 2, 1, 1) if len(state) == 7 else (3, 4, 3, 3, 1))
-
-
-def equivalent(state: Tensor, turn: Tensor, hand: Tensor) -> Tensor:
-    """States (rows, N) as seen from other sides of a craft, see `rans.policy.symmetry.Symmetries`."""
-    p, attitude, v, w, trade_off = parted(state)
-
-    def seen(rows: Tensor) -> Tensor:
-        axes = range(len(rows))
-        turned: Any = [sum(turn[..., i, j] * rows[j] for j in axes) for i in axes]
-        return torch.stack(turned)
-
-    def axial(rows: Tensor) -> Tensor:
-        return hand * (rows if len(rows) == 1 else seen(rows))
-
-    # The axis of a rotation is seen as a spin.
-    scalar, axis = attitude.split((len(attitude) - len(w), len(w)))
-    return torch.cat((seen(p), scalar, axial(axis), seen(v), axial(w), trade_off))
-
-
 class PoseProblem:
     """Least cost of flights of a craft to a pose.
 
     Args:
-        craft: craft with thrusters, which are opened or not.
-        task: flight to a pose, whose tolerances count.
-        period: control period, s.
+        craft: craft with thrusters and nothing else.
+        task: flight whose errors, limits and ends depend on the state relative to the goal.
+        timing: control period, checks and length of a flight.
         position_tolerance: tolerance in flight, m, that of the task or finer; None: that of the task.
+
+    Raises:
+        ConfigError: the task is of another kind, see `rans_value.goal_frame.GoalFrame`.
     """
 
     def __init__(
         self,
         craft: Spacecraft,
         task: Any,
-        period: float,
+        timing: Timing,
         position_tolerance: float | None = None,
     ) -> None:
         self.craft = craft
-        self.period = period
-        self._finest = position_tolerance or task.position_tolerance
-        self._finer = task.position_tolerance / self._finest
+        self.frame = GoalFrame(craft, task, timing)
+        self.period = timing.control_period
+        self._flight = timing.episode_steps * self.period
+        tolerances = self.frame.tolerances
+        self._finest = position_tolerance or tolerances["position"]
+        self._finer = tolerances["position"] / self._finest
         self.dimension = craft.dimension
-        self._body = Body.of(craft)
-        bounds = (task.position_tolerance, task.attitude_tolerance, REST_SPEED, REST_SPIN)
-        self._bounds = [_INSIDE * bound for bound in bounds]
+        usual = {"attitude": _AIMED, "velocity": REST_SPEED, "spin": REST_SPIN}
+        self._widths = [(usual | tolerances)[name] for name in ("position", *usual)]
+        self._resting = aims(task) - tolerances.keys()
         # Authority: force and torque in the weakest direction.
         forces, torques = torch.tensor(craft.wrench_map, dtype=torch.float64).tensor_split(
             (craft.dimension,), 1
@@ -148,22 +98,23 @@ class PoseProblem:
         self.scale = math.sqrt(self.range / self.acceleration)
         """Time in which the craft gains its range, s."""
         # Changes of spin by each thruster in a period, and so the distances of headings at rest.
-        kicks = torques * period / moments
+        kicks = torques * self.period / moments
         steps = kicks.abs().where(kicks.abs() > 1e-9, math.inf).amin(dim=0)
         self.spin_steps = [float(step) for step in steps]
         self._kicks = kicks.float()
-        self.rows = 7 if craft.dimension == 2 else 14
+        self.rows = (7 if craft.dimension == 2 else 14) + self.frame.turns
         self.numbers = 2 + 2 * craft.dimension + len(steps) + len(forces)
         """Random numbers of a state near the goal."""
         self.thrust = [thruster.force / self.force for thruster in craft.thrusters]
         views = symmetries(craft)
         own = (torch.eye(self.dimension)[None], torch.ones(1), torch.arange(len(forces))[None])
         sides = own if views is None else views.tensors_like(torch.zeros(1))
-        self.turn, self.hand, self.place = sides
+        kept = [self.frame.is_symmetric(*side) for side in zip(*sides[:2], strict=True)]
+        self.turn, self.hand, self.place = (x[torch.tensor(kept)] for x in sides)
         # Several patterns of the same effect would be labels that no independent valves can imitate.
         shared = craft.thrust_sharing == "split"
-        kept = subsets(craft.wrench_map, shared, 0.0, _ENUMERATED)
-        self.patterns = torch.as_tensor(kept.opened).float()
+        different = subsets(craft.wrench_map, shared, 0.0, _ENUMERATED)
+        self.patterns = torch.as_tensor(different.opened).float()
         """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse."""
 
     def price(self, state: Tensor) -> Tensor:
@@ -171,19 +122,17 @@ class PoseProblem:
         low, high = _PRICE
         return low * torch.exp(math.log(high / low) * state[-1])
 
-    def _motion(self, state: Tensor) -> Any:
-        p, attitude, v, w, _ = parted(state)
-        if self.dimension == 2:
-            return PlanarState(Vec2(*p), Heading(*attitude), Vec2(*v), w[0])
-        return SpatialState(Vec3(*p), Quat(*attitude), Vec3(*v), Vec3(*w))
+    def step(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """States (rows, ...) after a control period with commands (..., n), its cost, s, and its discount.
 
-    def moved(self, state: Tensor, command: Sequence[Tensor]) -> Tensor:
-        """States after a control period with these commands of the thrusters."""
-        now = self._motion(state)
-        for duration, wrench, _, _ in undelayed(self.craft, self._body, command, self.period):
-            now = advance(now, wrench, self._body, duration, nodes=_NODES)
-        rows = (*leaves(now.normalised()), state[-1])
-        return torch.stack(torch.broadcast_tensors(*rows))
+        Nothing follows the end of a flight.
+        """
+        opened = command.unbind(dim=-1)
+        after, won, lost = self.frame.step(state, opened)
+        cost = self.waiting(state) + self.thrust_price(state) * self.burnt(opened)
+        failure = self._flight * (1.0 + self.price(state))
+        discount = torch.where(won | lost, 0.0, self.discount(state))
+        return after, cost + torch.where(lost, failure, 0.0), discount
 
     def burnt(self, command: Sequence[Tensor]) -> Tensor:
         """Impulse of a control period as a time of full thrust, s."""
@@ -200,7 +149,7 @@ class PoseProblem:
         larger = 1.0 + (self._finer - 1.0) * (self._finest / distance).clamp(max=1.0)
         return torch.cat((place * larger, state[self.dimension :]))
 
-    def errors(self, state: Tensor) -> tuple[Tensor, ...]:
+    def offsets(self, state: Tensor) -> tuple[Tensor, ...]:
         """Rows of position, rotation vector, velocity and spin."""
         p, attitude, v, w, _ = parted(state)
         if self.dimension == 3:
@@ -211,12 +160,14 @@ class PoseProblem:
 
     def inside(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Whether states are within the tolerances, whether they are also at rest, and their error, 0 to 1."""
-        squares = [x.square().sum(dim=0) for x in self.errors(self.seen(state))]
-        place, turn, speed, rate = (
-            x / bound**2 for x, bound in zip(squares, self._bounds, strict=True)
-        )
-        within = (place <= 1.0) & (turn <= 1.0)
-        return within, within & (speed <= 1.0) & (rate <= 1.0), (0.5 * (place + turn)).sqrt()
+        errors = torch.stack(self.frame.errors(self.seen(state))) / _INSIDE
+        within = (errors <= 1.0).all(dim=0)
+        _, _, v, w, _ = parted(state)
+        is_in = within
+        for name, rows, width in zip(("velocity", "spin"), (v, w), self._widths[2:], strict=True):
+            if name in self._resting:
+                is_in = is_in & (rows.square().sum(dim=0) <= (_INSIDE * width) ** 2)
+        return within, is_in, errors.square().mean(dim=0).sqrt()
 
     def waiting(self, state: Tensor) -> Tensor:
         """Cost of a control period by its state, s: of time outside, and of errors inside.
@@ -241,7 +192,7 @@ class PoseProblem:
 
     def quickest(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Least times to the origin of each axis alone, s, as of a double integrator: of place and of attitude."""
-        p, turn, v, w = self.errors(state)
+        p, turn, v, w = self.offsets(state)
         return _to_rest(p, v, self.acceleration), _to_rest(turn, w, self.angular_acceleration)
 
     def guess(self, state: Tensor) -> Tensor:
@@ -255,8 +206,8 @@ class PoseProblem:
     def features(self, state: Tensor) -> Tensor:
         """Inputs of the value function, (..., features)."""
         state = self.seen(state)
-        p, attitude, v, _, (trade_off,) = parted(state)
-        _, turn, _, w = self.errors(state)
+        p, attitude, v, _, rest = parted(state)
+        _, turn, _, w = self.offsets(state)
         speed = math.sqrt(self.acceleration * self.range)
         # In the frame of the goal and in that of the body, in units of the craft's authority.
         place = p / self.range
@@ -287,10 +238,10 @@ class PoseProblem:
         ]
         columns += [time / self.scale for times in self.quickest(state) for time in times]
         # Close to the goal.
-        widths = [bound / _INSIDE for bound in self._bounds]
+        widths = self._widths
         errors = [
             row / width
-            for rows, width in zip(self.errors(state), widths, strict=True)
+            for rows, width in zip(self.offsets(state), widths, strict=True)
             for row in rows
         ]
         for scale in _SCALES:
@@ -299,7 +250,17 @@ class PoseProblem:
         if self.dimension == 3:
             angle = (turn.square().sum(dim=0) + 1e-6).sqrt()
             columns += [angle, torch.tanh(angle / widths[1] - 1.0)]
+        # Limits here, and where the craft can come to rest.
+        braked = p + v * v.square().sum(dim=0).sqrt() / (2.0 * self.acceleration)
+        for margin in (
+            *self.frame.margins(state),
+            *self.frame.margins(torch.cat((braked, state[self.dimension :]))),
+        ):
+            columns += [margin / self.range, torch.tanh(margin / (_MARGINS * self.range))]
         # Where between the spins and headings that pulses can reach.
+        if self.frame.turns:
+            w = w + rest[:1]
+            columns += [rest[0] / self.spin_steps[0], *(w / self.spin_steps[0])]
         for spin, step in zip(w, self.spin_steps, strict=True):
             phase = (2 * math.pi / step) * spin
             columns += [phase.sin(), phase.cos()]
@@ -308,6 +269,7 @@ class PoseProblem:
             phase = (2 * math.pi / (step * self.period)) * behind
             columns += [phase.sin(), phase.cos()]
         # The trade-off.
+        trade_off = rest[-1]
         columns += [trade_off, trade_off.square(), (5.0 * trade_off).tanh()]
         return torch.stack(torch.broadcast_tensors(*columns), dim=-1)
 
@@ -315,8 +277,9 @@ class PoseProblem:
         """States around the goal at random scales in place of states (rows, N), from numbers in [0, 1).
 
         The numbers are (`numbers`, N). Spins are sums of whole pulses, those of a craft that began at rest, for all
-        but a tenth: others allow no rest.
+        but a tenth: others allow no rest. States in which the flight is over stay those that were given.
         """
+        rest = parted(state)[-1]
         kicks = self._kicks.to(uniform.device)
         count, axes = kicks.shape
         spread = 2.0 * uniform[2:] - 1.0
@@ -326,11 +289,14 @@ class PoseProblem:
         most = 2.0 * math.sqrt(self.angular_acceleration * axes) / kicks.norm()
         pulses = most * scale * pulses
         w = kicks.T @ torch.where(uniform[1] < 0.9, pulses.round(), pulses)
+        if self.frame.turns:
+            w = w - rest[:1]
         if self.dimension == 3:
             half = 0.5 * turn.square().sum(dim=0, keepdim=True).sqrt()
             turn = torch.cat((half.cos(), 0.5 * turn * (half / math.pi).sinc()))
         v = v * scale * math.sqrt(self.acceleration * self.range)
-        return torch.cat((p * scale * 1.5, turn, v, w, state[-1:]))
+        near = torch.cat((p * scale * 1.5, turn, v, w, rest))
+        return torch.where(self.frame.is_over(near), state, near)
 
 
 def _weakest(columns: Tensor) -> float:

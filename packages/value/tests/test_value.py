@@ -9,8 +9,9 @@ from typing import Any, cast
 
 import pytest
 import torch
+from rans_value.goal_frame import equivalent
 from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
-from rans_value.problem import equivalent, parted
+from rans_value.problem import parted
 from torch import Tensor
 
 from rans.errors import ConfigError
@@ -34,8 +35,8 @@ SMALL = ValueSettings(units=32, states=256, rounds=1, updates=12, batch=512)
 PPO = replace(TINY, n_envs=64, n_steps=4, batch_size=64, layers=(16,))
 
 
-def learner(craft: Any = PLATFORM) -> ValueLearner:
-    engine = Engine(craft, TASK, PPO.n_envs, Timing())
+def learner(craft: Any = PLATFORM, task: Any = TASK) -> ValueLearner:
+    engine = Engine(craft, task, PPO.n_envs)
     made = begin(engine, PPO, 0, True, partial(ValueLearner, own=SMALL))
     assert isinstance(made, ValueLearner)
     engine.reset()
@@ -46,19 +47,45 @@ def commands(count: int = 8) -> Tensor:
     return (torch.rand(64, count, generator=torch.Generator().manual_seed(1)) < 0.5).float()
 
 
-@pytest.mark.parametrize("spacecraft", ["floating-platform", "free-flyer"])
-def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(spacecraft: str) -> None:
-    made = learner(load_spacecraft(spacecraft))
+# Near the port, whose cone looks the same in a mirror alone, and of which each turns at its own rate.
+PORT = TASKS["dock-port"](
+    spawn_distance=(0.66, 0.9),
+    port_rate=(0.1, 0.5),
+    cone_half_angle=1.2,
+    position_tolerance=0.5,
+    attitude_tolerance=1.5,
+    velocity_tolerance=0.4,
+    spin_tolerance=1.0,
+)
+
+
+@pytest.mark.parametrize(
+    ("spacecraft", "task", "sides"),
+    [("floating-platform", TASK, 8), ("free-flyer", TASK, 16), ("floating-platform", PORT, 2)],
+)
+def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(
+    spacecraft: str, task: Any, sides: int
+) -> None:
+    made = learner(load_spacecraft(spacecraft), task)
     problem = made.problem
+    assert len(problem.turn) == sides
     command = commands(made.engine.craft.thruster_count)
+    ended = torch.zeros(2)
     for _ in range(3):  # a craft that turns and moves
         before = made.states()
-        made.engine.step(command)
-        after = problem.moved(before, command.unbind(dim=1))
-        assert difference(made.states(), after) < 1e-5
+        step = made.engine.step(command)
+        after, won, lost = problem.frame.step(before, command.unbind(dim=1))
+        assert torch.equal(won | lost, step.terminated)
+        goes_on = ~step.terminated
+        assert difference(made.states()[:, goes_on], after[:, goes_on]) < 1e-5
+        _, cost, discount = problem.step(before, command)
+        assert (discount[won | lost] == 0).all()
+        assert ((cost > 25.0) == lost).all()
+        ended += torch.stack((won, lost)).sum(dim=1)
+    assert (ended > 0).all() == (task is PORT)
     for turn, hand, place in zip(problem.turn, problem.hand, problem.place, strict=True):
         placed = torch.zeros_like(command).scatter(1, place.expand(64, -1), command)
-        seen = problem.moved(equivalent(before, turn, hand), placed.unbind(dim=1))
+        seen, _, _ = problem.step(equivalent(before, turn, hand), placed)
         assert difference(seen, equivalent(after, turn, hand)) < 1e-4  # rounding
 
 
@@ -96,12 +123,21 @@ def test_commands_cost_at_most_what_they_promise() -> None:
     assert (greedy._costs(state, command[None])[0] <= single + 1e-5).all()  # rounding
 
     def of_two(first: Tensor) -> Tensor:
-        after, cost, discount = greedy.period(state, first)
+        after, cost, discount = made.problem.step(state, first)
         return cost + discount * greedy._costs(after, greedy.command(after)[None])[0]
 
     # Ahead of two periods, the command of one is among those that are tried.
     ahead = Greedy(made.problem, made.average, periods=2).command(state)
     assert (of_two(ahead) <= of_two(command) + 1e-5).all()
+
+
+def test_pulsed_thrusters_are_opened_in_part_where_that_costs_less() -> None:
+    greedy = learner(load_spacecraft("atmos")).greedy
+    state = torch.rand(greedy.problem.rows, 64, generator=torch.Generator().manual_seed(1))
+    patterns, costs = greedy._best(state, 1)
+    whole = greedy._costs(state, greedy.problem.patterns[:, None]).amin(dim=0)
+    partly = ((patterns > 0.0) & (patterns < 1.0)).any(dim=1)
+    assert (costs[partly] < whole[partly]).any()
 
 
 def test_labels_are_costs_above_the_best_of_two_periods() -> None:
@@ -134,7 +170,7 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
         """Mean cost of flights of 20 s, and the part of the periods of the last fifth within the tolerances."""
         state, total, held = start, torch.zeros(64), torch.zeros(64)
         for period in range(100):
-            state, cost, _ = made.greedy.period(state, made.greedy.command(state))
+            state, cost, _ = made.problem.step(state, made.greedy.command(state))
             total += cost
             held += 0.05 * made.problem.inside(state)[0] * (period >= 80)
         return float(total.mean()), float(held.mean())
@@ -202,8 +238,12 @@ def test_other_craft_and_conditions_are_refused() -> None:
     burning = replace(PLATFORM, propellant=tank)
     with pytest.raises(ConfigError, match="no such craft"):
         Newest(burning, TASK, Timing())
-    with pytest.raises(ConfigError, match="flights to a pose"):
+    with pytest.raises(ConfigError, match="note what differs"):
         Newest(PLATFORM, TASKS["avoid"](), Timing())
+    with pytest.raises(ConfigError, match="goals move"):
+        learner(load_spacecraft("free-flyer"), PORT)
+    with pytest.raises(ConfigError, match="for what DockPort asks"):
+        Newest(PLATFORM, PORT, PORT.timing)
     noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))
     with pytest.raises(ConfigError, match="leave out the conditions"):
         Value.making(noisy, PLATFORM, SMALL)
