@@ -192,12 +192,6 @@ def ignore(_: Any) -> None:
     """A report to nobody."""
 
 
-def newest(rows: list[dict[str, Any]]) -> Any:
-    """A report that gathers rows."""
-
-    return rows.append
-
-
 def resumed(path: Path) -> Trainer:
     run = RunFolder(path)
     trainer = Trainer(run.config(), run.spacecraft(), run)

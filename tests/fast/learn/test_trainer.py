@@ -33,7 +33,6 @@ from tests.support.training import (
     after,
     everything,
     ignore,
-    newest,
     resumed,
     tiny_trainer,
 )
@@ -52,7 +51,7 @@ def test_same_config_same_bits(tmp_path: Path) -> None:
 def test_what_a_run_holds(tmp_path: Path) -> None:
     rows: list[dict[str, Any]] = []
     trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, report_interval=8))
-    trainer.train(newest(rows))
+    trainer.train(rows.append)
     assert rows == trainer.run.metrics()
     assert [row["steps"] for row in rows] == [1024, 2048]
     assert rows[0]["seconds"] < rows[1]["seconds"] == pytest.approx(trainer.seconds, abs=1e-3)
@@ -134,7 +133,7 @@ def test_it_learns(tmp_path: Path) -> None:
         CONFIG, ppo=PPOSettings(), timing=Timing(), total_timesteps=230_000, report_interval=28
     )
     rows: list[dict[str, Any]] = []
-    tiny_trainer(tmp_path / "run", config).train(newest(rows))
+    tiny_trainer(tmp_path / "run", config).train(rows.append)
     assert rows[-1]["error/position"] < 0.6
 
 
@@ -190,7 +189,7 @@ def trained_behind(guard: Any, folder: Path) -> tuple[Trainer, list[dict[str, An
     run.begin(GUARDED, "test")
     trainer = Trainer(GUARDED, PLATFORM, run, guard=guard)
     rows: list[dict[str, Any]] = []
-    trainer.train(newest(rows))
+    trainer.train(rows.append)
     return trainer, rows
 
 
