@@ -14,7 +14,7 @@ from typing import Any, cast
 import gymnasium
 import pytest
 
-from rans.errors import ConfigError, meant
+from rans.errors import ConfigError
 from rans.registry import Registry, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
 from tests.support.processes import printed
@@ -314,20 +314,6 @@ def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: P
     )
     (tmp_path / "rocketry.py").write_text("raise RuntimeError('imported')\n")
     printed("-c", WITHOUT.format(str(tmp_path)))
-
-
-def test_names_that_begin_with_the_given_one_are_suggested_first() -> None:
-    known = ["go-to-pose-3d-robust", "go-to-pose-2d", "go-to-pose-3d", "go-to-posed"]
-    assert meant("go-to-pose", known) == (
-        " (did you mean go-to-pose-2d or go-to-pose-3d or go-to-pose-3d-robust?)"
-    )
-    assert meant("go-to-pose-2", known) == " (did you mean go-to-pose-2d?)"
-
-
-def test_a_word_that_is_no_slip_of_a_name_suggests_nothing() -> None:
-    known = ["switching", "lqr", "dock"]
-    assert [meant(word, known) for word in ("nothing", "something", "rocket")] == ["", "", ""]
-    assert meant("lrq", known) == " (did you mean lqr?)"
 
 
 def test_names_of_the_distribution_of_rans_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -65,11 +65,25 @@ def test_a_solved_task_is_trained_on() -> None:
     assert "--total-timesteps 400000" in command_to_train_on(Path("runs/x"), 204_800)
 
 
-def test_names_of_other_forms_are_near() -> None:
-    assert meant("GoToPose2D", ["go-to-pose-2d", "lqr"]) == " (did you mean go-to-pose-2d?)"
-    assert meant("rans/LQR-v0", ["go-to-pose-2d", "lqr"]) == " (did you mean lqr?)"
-    assert meant("GoToPos2D", ["go-to-pose-2d", "lqr"]) == " (did you mean go-to-pose-2d?)"
-    assert meant("rans/GoToPse2D-v0", ["go-to-pose-2d"]) == " (did you mean go-to-pose-2d?)"
+KNOWN = ["go-to-pose-3d-robust", "go-to-pose-2d", "go-to-pose-3d", "go-to-posed", "lqr", "dock"]
+
+
+@pytest.mark.parametrize(
+    ("word", "near"),
+    [
+        ("GoToPose2D", "go-to-pose-2d"),
+        ("rans/LQR-v0", "lqr"),
+        ("GoToPos2D", "go-to-pose-2d"),
+        ("rans/GoToPse2D-v0", "go-to-pose-2d"),
+        ("go-to-pose", "go-to-pose-2d or go-to-pose-3d or go-to-pose-3d-robust"),
+        ("go-to-pose-2", "go-to-pose-2d"),
+        ("lrq", "lqr"),
+        ("nothing", ""),
+        ("rocket", ""),
+    ],
+)
+def test_the_name_that_was_meant(word: str, near: str) -> None:
+    assert meant(word, KNOWN) == (f" (did you mean {near}?)" if near else "")
 
 
 def test_a_file_that_is_near(tmp_path: Path) -> None:

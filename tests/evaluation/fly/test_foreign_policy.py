@@ -13,7 +13,6 @@ import onnxruntime
 import pytest
 import torch
 from stable_baselines3 import PPO
-from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import rans
@@ -68,38 +67,6 @@ def test_an_agent_of_it_gives_its_memory_away() -> None:
     starts = np.array([True, False] * 3)
     assert agent.predict(STEPS[2], state, starts)[0].sum(axis=1).tolist() == [1, 3] * 3
     assert agent.evaluate(episodes=4)["solved"].value == 0.0
-
-
-class Sharpened(ActorCriticPolicy):
-    """A policy of SB3 with a memory: it acts on the sum of this observation and the one before."""
-
-    def predict(
-        self,
-        observation: Any,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> Any:
-        before = np.zeros_like(observation) if state is None else state[0]
-        if episode_start is not None:
-            before = np.where(episode_start[:, None], 0.0, before)
-        actions, _ = super().predict(observation + before, deterministic=deterministic)
-        return actions, (observation,)
-
-
-def test_a_file_of_sb3_keeps_the_memory_of_its_policy(tmp_path: Path) -> None:
-    environment = rans.SB3VecEnv(rans.Engine(CRAFT, TASK, num_envs=2))
-    model = PPO(Sharpened, environment, n_steps=2, batch_size=2, seed=3)
-    model.save(tmp_path / "model.zip")
-    policy = user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, TASK, trust=True)
-    differs = False
-    before = np.zeros_like(STEPS[0])
-    for step in STEPS:
-        expected = model.policy.predict(step, (before,), deterministic=True)[0]
-        differs |= bool((expected != model.policy.predict(step, deterministic=True)[0]).any())
-        np.testing.assert_array_equal(policy.act(None, None, step), expected)
-        before = step
-    assert differs  # or the memory would not matter
 
 
 class Forgetful:

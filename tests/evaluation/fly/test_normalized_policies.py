@@ -7,12 +7,10 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.wrappers import NormalizeObservation
 from stable_baselines3 import A2C, PPO, SAC, TD3
-from stable_baselines3.common.vec_env import SubprocVecEnv, VecNormalize
+from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
 from rans.errors import ConfigError
@@ -107,27 +105,6 @@ def test_what_an_algorithm_saves_flies_as_it_predicts(
     np.testing.assert_array_equal(policy.act(None, None, seen), answer)
     flown = policy_of(model, craft, GoToPose())(seen, None, np.ones(64, bool))[0]
     np.testing.assert_array_equal(flown, answer)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("kind", [PPO, SAC])
-def test_scales_out_of_reach_are_noticed_by_what_the_model_saw_last(
-    kind: Any, tmp_path: Path
-) -> None:
-    """Scales of observations: those of a wrapper in another process, and of an off-policy algorithm's file."""
-    if kind is PPO:
-        environment = SubprocVecEnv(
-            [lambda: NormalizeObservation(gymnasium.make("rans:rans/GoToPose2D-v0"))]
-        )
-        model = PPO("MlpPolicy", environment, n_steps=64, batch_size=64, seed=0).learn(64)
-        environment.close()
-        with pytest.warns(UserWarning, match="observations are passed to it as they are"):
-            policy_of(model, CRAFT, GoToPose())
-        return
-    environment = VecNormalize(rans.SB3VecEnv(rans.Engine(THROTTLED, GoToPose(), num_envs=4)))
-    SAC("MlpPolicy", environment, **OFF_POLICY).learn(8).save(tmp_path / "model.zip")
-    with pytest.warns(UserWarning, match="observations are passed to it as they are"):
-        user_policy(f"sb3:{tmp_path / 'model.zip'}", THROTTLED, GoToPose(), trust=True)
 
 
 def test_a_model_behind_its_environment_scales_too(folder: Path) -> None:
