@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rans.api.judging import SpacecraftLike as SpacecraftLike
     from rans.api.names import load_conditions as load_conditions
     from rans.api.names import load_spacecraft as load_spacecraft
+    from rans.cli.door import POSE as POSE
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from rans.deploy.c.files import write_c as write_c
     from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.contract import contract as contract
+    from rans.deploy.contract import flights_of_training as flights_of_training
     from rans.deploy.contract import golden_pairs as golden_pairs
     from rans.deploy.numpy_file import write_numpy as write_numpy
     from rans.deploy.program import Ports as Ports
@@ -62,9 +64,11 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
+    from rans.evaluation.fly.contestants import view_command as view_command
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
     from rans.evaluation.fly.exported import load_exported as load_exported
     from rans.evaluation.fly.exported import read_contract as read_contract
+    from rans.evaluation.measure.aggregate import Metrics as Metrics
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.evaluation.measure.metrics import impulses as impulses
     from rans.evaluation.measure.metrics import won as won
@@ -73,6 +77,7 @@ if TYPE_CHECKING:
     from rans.evaluation.measure.statistics import Estimate as Estimate
     from rans.evaluation.problems import Problem as Problem
     from rans.fast.device import torch_device as torch_device
+    from rans.fast.distributed import ALONE as ALONE
     from rans.fast.distributed import Processes as Processes
     from rans.fast.engine import Engine as Engine
     from rans.fast.flights import Flights as Flights
@@ -141,6 +146,7 @@ if TYPE_CHECKING:
     from rans.model.foreign import Nozzle as Nozzle
     from rans.model.random import Draws as Draws
     from rans.model.random import Random as Random
+    from rans.model.random import seed_words as seed_words
     from rans.model.spacecraft import CommandRange as CommandRange
     from rans.model.spacecraft import Spacecraft as Spacecraft
     from rans.model.spacecraft import Store as Store

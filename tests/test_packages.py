@@ -104,7 +104,7 @@ def imported_from_the_core(folder: Path) -> Counter[tuple[str, str]]:
 def test_what_packages_build_on_is_named_in_one_module() -> None:
     """`rans.extend` has no name without a user or a docstring, and nobody goes round it."""
     homes = extend.homes(extend.__file__)
-    assert len(homes) <= 220
+    assert len(homes) <= 223
     used: Counter[str] = Counter()
     for folder in USERS:
         names = imported_from_the_core(folder)

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.measure.aggregate import Metrics, measure
+from rans.evaluation.measure.aggregate import measure
 from rans.extend import (
     MOST_STEPS,
     ConfigError,
     Drift,
     Flight,
     LoadedRun,
+    Metrics,
     Random,
     Sample,
     Setup,

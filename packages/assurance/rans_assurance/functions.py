@@ -30,7 +30,7 @@ from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
     from rans.choices import EngineName
-    from rans.evaluation.measure.aggregate import Metrics
+    from rans.extend import Metrics
     from rans.randomization.conditions import FaultKind
     from rans.randomization.faults import FaultSet
     from rans_assurance.assure.assurance import Assurance

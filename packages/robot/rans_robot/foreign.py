@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.contract import PAIRED, RecordedFlights, flights_of_training
+from rans.deploy.contract import PAIRED, RecordedFlights
 from rans.deploy.export import check_alone, evaluated
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
@@ -22,6 +22,7 @@ from rans.extend import (
     brief,
     contestant,
     contract,
+    flights_of_training,
     golden_pairs,
     read_bytes,
     replace_file,

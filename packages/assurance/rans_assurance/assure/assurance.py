@@ -14,9 +14,10 @@ from pathlib import Path
 from typing import Any
 
 from rans.evaluation.fly.agent import Agent
-from rans.evaluation.fly.contestants import judged_separately, view_command
+from rans.evaluation.fly.contestants import judged_separately
 from rans.evaluation.fly.evidence import hashes
 from rans.extend import (
+    ALONE,
     Conditions,
     ConfigError,
     ContestantName,
@@ -33,9 +34,9 @@ from rans.extend import (
     scenarios,
     unseen,
     unseen_stages,
+    view_command,
 )
 from rans.extend import environment as this_environment
-from rans.fast.distributed import ALONE
 from rans.randomization.conditions_file import conditions_label
 from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import ProbabilityBound

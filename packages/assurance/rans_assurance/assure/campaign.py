@@ -11,6 +11,7 @@ from operator import add
 from typing import Any, cast
 
 from rans.extend import (
+    ALONE,
     ConfigError,
     Controller,
     Failure,
@@ -22,7 +23,6 @@ from rans.extend import (
     Stages,
     unseen_stages,
 )
-from rans.fast.distributed import ALONE
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans_assurance.assure.fleet import ControllerFleet
 

@@ -19,8 +19,8 @@ from rans.extend import (
     World,
     fly_draws,
     last_fifth,
+    seed_words,
 )
-from rans.model.random import seed_words
 
 _SHARE = 1024
 _SLOW_SHARE = 16

@@ -19,9 +19,9 @@ from rans.extend import (
     last_fifth,
     leaves,
     map_leaves,
+    seed_words,
     worst_errors,
 )
-from rans.model.random import seed_words
 
 Judge = Literal["numpy", "drake"]
 

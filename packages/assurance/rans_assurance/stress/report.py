@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from rans.evaluation.fly.contestants import view_command
 from rans.evaluation.fly.evidence import about
 from rans.evaluation.measure.statistics import too_few
 from rans.extend import (
@@ -17,6 +16,7 @@ from rans.extend import (
     conditions_text,
     counted,
     inside,
+    view_command,
     write_json,
     write_text,
 )

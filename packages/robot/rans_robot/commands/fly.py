@@ -6,8 +6,7 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.cli.door import POSE
-from rans.extend import Options, Terminal, command_of, word
+from rans.extend import POSE, Options, Terminal, command_of, word
 from rans_robot.functions import fly_on_robot
 
 
