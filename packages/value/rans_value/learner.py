@@ -75,7 +75,8 @@ _BY_POLICY = 0.8
 _LABELLED = 8
 """Iterations whose labels are imitated together."""
 _TRIED = 16
-"""Patterns of open valves that are tried, of those whose valves alone promise the least cost."""
+"""Patterns of open valves that are tried, of those whose valves alone promise the least cost. Of more than eight
+thrusters as many as a quarter of their square: valves that are good only together promise little alone."""
 _AHEAD = 4
 """Patterns after which a further period is searched."""
 _LEVELS = (0.5, 0.25, 0.1)
@@ -160,6 +161,7 @@ class Greedy:
         device = value.mean.device
         count = problem.craft.thruster_count
         self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
+        self._tried = max(_TRIED, count**2 // 4)
         self._patterns = problem.patterns.to(device)
         self.command = fused(self._command_of, device)
         self.label = fused(self._label_of, device)
@@ -190,7 +192,7 @@ class Greedy:
 
     def _best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
         """Patterns (N, n) of least cost over some periods, and that cost (N,), s."""
-        patterns, costs = self._first(state, _TRIED)
+        patterns, costs = self._first(state, self._tried)
         if self.problem.craft.is_continuous:
             parts = torch.cat([level * patterns[:_AHEAD] for level in _LEVELS])
             patterns = torch.cat((patterns, parts))
