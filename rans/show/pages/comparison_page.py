@@ -251,7 +251,7 @@ def _summary(comparison: Comparison) -> Section:
         said,
         title="Contestants",
         text=_MISSION_TEXT if comparison.entries and comparison.entries[0].ends else TEXT,
-        tables=[tables.score_table(comparison), known] if board else [],
+        tables=[*said.tables, tables.score_table(comparison), known] if board else [],
         facts=facts,
         link="",
     )
