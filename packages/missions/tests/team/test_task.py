@@ -24,7 +24,7 @@ def random_actions(size: int, steps: int) -> torch.Tensor:
     return torch.rand(steps, size, 6, generator=torch.Generator().manual_seed(3))
 
 
-@pytest.mark.parametrize("plain", [False, True])
+@pytest.mark.parametrize("plain", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_team_has_seen_what_any_of_its_deputies_has(plain: bool) -> None:
     """Three teams of three beside nine craft alone, for 100 periods without an end, from the same starts."""
     far: Any = {"fail_distance": 1e6, "keep_out": 11.0}
