@@ -6,10 +6,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
+from rans_missions.control import circumnavigation
 from rans_missions.control.circumnavigation import Circumnavigation
+from rans_missions.convex.inspecting import Burns
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
+from rans_missions.team.task import InspectTeam
 from rans_missions.vectors import motion_of
 
 from rans.model.dynamics import SpatialState
@@ -118,3 +121,39 @@ def test_a_cheap_inspection_is_found_and_left_to_a_safe_orbit() -> None:
     assert result.least.min() > 15.0
     assert result.most.max() < 800.0
     assert result.at_last.max() < 0.01 * 12.0
+
+
+def test_a_team_flies_dearer_burns_if_their_coasts_alone_keep_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Abreast of each other both coast through one point within a quarter of an orbit, unless one leaves."""
+
+    def burns(price: float, away: float) -> Burns:
+        changes = np.zeros((2, 1, 3))
+        changes[:, 0] = [[away, 0.0, 0.0], [0.0, 0.0, 0.01]]
+        return Burns(price, np.array([0]), changes, 5_000.0)
+
+    class Searches:
+        """Whose flights meet but for the dearest of the longest search."""
+
+        earliest = 1_000.0
+        coast = times = None
+
+        def __init__(self, *settings: Any) -> None:
+            is_whole = settings[5] == END
+            self._flights = [burns(1.0, 0.0), burns(3.0, 0.05)] if is_whole else [burns(2.0, 0.0)]
+
+        def best(self, paths: Any, hops: int, is_safe: Any = lambda one: True) -> Burns:
+            return next(filter(is_safe, self._flights), self._flights[0])
+
+    monkeypatch.setattr(circumnavigation, "InspectionSearch", Searches)
+    monkeypatch.setattr(Circumnavigation, "_beginnings", lambda *_: [])
+    zero = np.zeros(2)
+    still = Vec3(zero, zero, zero)
+    level = Quat(zero + 1.0, zero, zero, zero)
+    state = SpatialState(Vec3(zero, zero - 40.0, np.array([0.0, 30.0])), level, still, still)
+    seen = Inspected(zero, zero, tuple(np.zeros((5, 2))))
+    pilot = Circumnavigation(DEPUTY, InspectTeam(deputies=2))
+    pilot.reset(2)
+    change, _ = pilot.velocity_change(state, SpatialState(still, level, still, still, seen), 0.0)
+    assert change[0, 0] == pytest.approx(0.05, abs=0.005)
