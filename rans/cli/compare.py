@@ -61,8 +61,10 @@ class Compare(Options):
         folder = self.output or contestants[0].output_folder
         show = partial(_show, full=self.full)
         comparison = self.call(contestants=tuple(contestants), output=folder, show=show)
-        if line := _without_training(contestants, comparison.contest):
-            Terminal().say(line)
+        if untrained := without_training(contestants, comparison.contest):
+            command = shlex.join(["rans", "compare", contestants[0].text, untrained])
+            agent = untrained.partition("@")[0]
+            Terminal().say(f"{agent} flies this craft without training: {command}")
         return 1 if comparison.failures else 0
 
     def _check(self) -> None:
@@ -77,8 +79,8 @@ class Compare(Options):
                 )
 
 
-def _without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:
-    """How to have the agent for any craft beside the others; "" if it flies already, or cannot."""
+def without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:
+    """The agent for any craft with the craft of a contest, by name; "" if it flies already, or cannot."""
     from rans.evaluation.compare.entrants import enlisted
     from rans.pretrained import FOR_ANY_CRAFT
 
@@ -89,12 +91,12 @@ def _without_training(contestants: Sequence[ContestantName], contest: Contest) -
     craft = name.craft or name.setup.partition("@")[2] or contest.craft.name
     if name.kind == "run folder":
         craft = str(Path(name.name) / "spacecraft.toml")
+    untrained = f"{agent}@{craft}"
     try:
-        enlisted([f"{agent}@{craft}"], contest)
+        enlisted([untrained], contest)
     except RansError:  # another task or rate, or a craft that it cannot fly
         return ""
-    command = shlex.join(["rans", "compare", name.text, f"{agent}@{craft}"])
-    return f"{agent} flies this craft without training: {command}"
+    return untrained
 
 
 def _show(comparison: Comparison, full: bool) -> None:

@@ -187,11 +187,14 @@ class Train(Options):
         if is_shown and (page := _live_page(trainer.run.path)):
             console.say(f"Open {page} in a browser to see it fly.")
         if not stop.requested or trainer.ended:
-            console.suggest(*self._next(trainer))
+            console.suggest(*self._next(trainer, _without_training(trainer)))
         return stop.code
 
-    def _next(self, trainer: Trainer) -> list[str]:
-        """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`)."""
+    def _next(self, trainer: Trainer, untrained: str = "") -> list[str]:
+        """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`).
+
+        A comparison has the agent for any craft too, if one is named that flies this task and craft ``untrained``.
+        """
         from rans.fast.learn.algorithms import LEARNERS
 
         path = str(trainer.run.path)
@@ -204,10 +207,11 @@ class Train(Options):
             rivals.append(f"{contestant}:{config.task}-{craft.dimension}d@{config.spacecraft}")
         if config.settings.draws_trade_off:
             rivals = [f"{rival}#{value}" for value in ("0", "0.5") for rival in rivals]
-        commands = [
-            shlex.join(["rans", "evaluate", path, *same]),
-            shlex.join(["rans", "compare", *rivals, *same]),
-        ]
+        compare = shlex.join(["rans", "compare", *rivals, *same])
+        if untrained:
+            agent = untrained.partition("@")[0]
+            compare = f"{compare} {shlex.quote(untrained)}   # is it better than {agent}, which needs no training?"
+        commands = [shlex.join(["rans", "evaluate", path, *same]), compare]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
         if is_quick and self.task is not None and self.resume is None:
             words = ["rans", "train", self.task]
@@ -222,6 +226,20 @@ class Train(Options):
             better = shlex.join([*words, "--quality", "good"])
             commands.append(f"{better}   # a better agent, in minutes")
         return commands
+
+
+def _without_training(trainer: Trainer) -> str:
+    """The agent for any craft with the craft of a nominal training, by name; "" if it cannot fly that."""
+    from rans.cli.compare import without_training
+    from rans.evaluation.compare.entrants import contest_of
+    from rans.evaluation.fly.contestant_name import ContestantName
+
+    config = trainer.config
+    is_nominal = not config.guard and config.conditions.or_none is None
+    if not is_nominal or trust_option(config, trainer.engine.craft):
+        return ""
+    name = ContestantName.parse(str(trainer.run.path))
+    return without_training([name], contest_of(name, 1))
 
 
 def _is_setting(config: TrainConfig, change: str) -> bool:

@@ -168,8 +168,14 @@ class Page:
 
     @property
     def checks(self) -> list[tuple[bool, str]]:
-        """What has failed or passed, failures first."""
-        return sorted((x for section in self.sections for x in section.checks), key=lambda x: x[0])
+        """What has failed or passed, failures first; where several sections are judged, with their titles."""
+        judged = [(section.title, section.checks) for section in self.sections if section.checks]
+        lines = [
+            (passed, f"{title}: {text}" if len(judged) > 1 else text)
+            for title, checks in judged
+            for passed, text in checks
+        ]
+        return sorted(lines, key=lambda line: line[0])
 
     @property
     def notes(self) -> list[str]:
@@ -180,7 +186,7 @@ class Page:
             f"{installing('plots')}"
         )
         notes = [note for section in self.sections for note in section.notes]
-        return [*notes, *([sentence] if left_out else [])]
+        return [*dict.fromkeys(notes), *([sentence] if left_out else [])]
 
     @property
     def passed(self) -> bool | None:
