@@ -113,7 +113,7 @@ class GradientCode(NamedTuple):
     """Inputs of the first layer, and units of each."""
     activation: str
     offsets: tuple[tuple[int, ...], ...]
-    """Of each trunk layer's weight and bias in the row of parameters."""
+    """Places in the row of parameters where weight and bias of each trunk layer begin."""
 
     def write(self, code: Code, *values: Value) -> None:
         """Print the function, whose arguments are those of `_Arguments`.

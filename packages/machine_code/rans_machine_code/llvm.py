@@ -19,9 +19,9 @@ from rans.extend import ACTIVATIONS, Symbol, ordered
 from rans.model.operations import Dialect
 
 Value = Any
-"""Of LLVM, or a number of Python's: llvmlite has no types."""
+"""A value of LLVM, or a number of Python: llvmlite has no types."""
 FEATURES = binding.get_host_cpu_features().flatten()
-"""Of this processor, as LLVM writes them: "+avx2,-avx512f,..."."""
+"""Features of this processor, as LLVM writes them: "+avx2,-avx512f,..."."""
 LANES = 16
 """Numbers in a vector; LLVM cuts it into as many as the processor has."""
 TILE, ROWS = (2, 8) if "+avx512f" in FEATURES else (1, 4)
@@ -59,14 +59,15 @@ _EXPONENTIAL = (
     1.6666665459e-1,
     5.0000001201e-1,
 )
+# Cephes' (Moshier, 1989) of the sine and the cosine within pi/4, and of the arc tangent within tan(pi/8).
 _SINE = (-1.9515295891e-4, 8.3321608736e-3, -1.6666654611e-1)
 _COSINE = (2.443315711809948e-5, -1.388731625493765e-3, 4.166664568298827e-2)
 _TANGENT = (8.05374449538e-2, -1.38776856032e-1, 1.99777106478e-1, -3.33329491539e-1)
-"""Of the sine and cosine within pi/4 and of the arc tangent within tan(pi/8): Cephes' (Moshier, 1989)."""
 _MAGIC = 1.5 * 2**23
 """Added to a float32 it leaves the nearest whole number in the last bits."""
 _SATURATED = 7.90531110763549805
-"""Of the hyperbolic tangent in float32: Eigen's (Eigen/src/Core/MathFunctionsImpl.h, ptanh_float)."""
+"""Argument from which the hyperbolic tangent is 1 in float32, as Eigen has it (Eigen/src/Core/MathFunctionsImpl.h,
+ptanh_float)."""
 
 
 LLVM = Dialect(
@@ -93,9 +94,14 @@ LLVM = Dialect(
 and of truth values."""
 
 
-@lru_cache(None, typed=True)
 def constant(value: float) -> Value:
     """A vector of one number or truth value; the same object for each, which is written faster."""
+    return _constant(value, math.copysign(1.0, value))
+
+
+@lru_cache(4096, typed=True)
+def _constant(value: float, _sign: float) -> Value:
+    """A vector of one number; zeros of both signs are equal keys, so that the sign is another."""
     kind = {bool: BOOLS, int: INTS, float: FLOATS}[type(value)]
     return ir.Constant(kind, [value] * LANES)
 
@@ -184,29 +190,37 @@ class Code(ir.IRBuilder):
         return self.select(self.fcmp_ordered(">", x, self.everywhere(0.0)), result, beyond)
 
     def log1p(self, x: Value) -> Value:
-        """log(1 + x) of numbers from 0 to 1."""
-        return self._twice_artanh(self.fdiv(x, self.fadd(x, self.everywhere(2.0))))
+        """log(1 + x): near 0 by a series, elsewhere, where 1 + x keeps the digits of x, by `log`."""
+        one = self.everywhere(1.0)
+        series = self._twice_artanh(self.fdiv(x, self.fadd(x, self.everywhere(2.0))))
+        near = self.fcmp_ordered("<=", self.real_function("abs", x), self.everywhere(0.5))
+        return self.select(near, series, self.log(self.fadd(one, x)))
 
     def _twice_artanh(self, z: Value) -> Value:
         """2 artanh(z) = log((1 + z) / (1 - z)) of numbers within 1/3, by its series."""
         return self.fmul(z, self._polynomial(self.fmul(z, z), [2 / k for k in range(15, 0, -2)]))
 
     def sin(self, x: Value) -> Value:
-        """The sine, good to 1e4 rad."""
+        """The sine, within 1e-7 up to 1e6 rad.
+
+        Beyond 6e6 rad, where float32 lie half a radian apart, it is some number from -1 to 1.
+        """
         return self._sine_of(x, 0)
 
     def cos(self, x: Value) -> Value:
-        """The cosine, good to 1e4 rad."""
+        """The cosine, as good as `sin`."""
         return self._sine_of(x, 1)
 
     def _sine_of(self, x: Value, quarters: int) -> Value:
-        """The sine of an angle and so many quarters of a turn, as the kernels of `rans.compile.cuda` have it."""
+        """The sine of an angle and so many quarters of a turn."""
         # Cody and Waite's reduction to pi/4: pi/2 is a sum of three floats.
         magic = self.everywhere(_MAGIC)
         shifted = self.times_plus(x, self.everywhere(2.0 / math.pi), magic)
         turns = self.fsub(shifted, magic)
         for part in (-1.5707962513e0, -7.5497894159e-8, -5.3903029534e-15):
             x = self.times_plus(turns, self.everywhere(part), x)
+        # Angles beyond 2^22 quarters of a turn are not reduced: their powers would overflow.
+        x = self.within(x, -1.0, 1.0)
         square = self.fmul(x, x)
         sine = self.times_plus(self._polynomial(square, _SINE), self.fmul(square, x), x)
         cosine = self.times_plus(
@@ -219,10 +233,11 @@ class Code(ir.IRBuilder):
         return self.select(self.to_bool(self.and_(number, constant(2))), self.fneg(size), size)
 
     def atan2(self, y: Value, x: Value) -> Value:
-        """The angle of a vector (x, y), from -pi to pi."""
+        """The angle of a vector (x, y), from -pi to pi; of one that is shorter than 1e-30, some angle."""
         a, b = (self.real_function("abs", each) for each in (y, x))
         least = self.everywhere(1e-30)  # so that the angle of no vector is 0
-        t = self.fdiv(self.smaller(a, b), self.larger(self.larger(a, b), least))
+        # A number that is none stays in one of both: `smaller` gives its first then, and so does `larger`.
+        t = self.fdiv(self.smaller(a, b), self.larger(self.larger(b, a), least))
         # Within tan(pi/8), or turned by pi/4.
         one = self.everywhere(1.0)
         far = self.fcmp_ordered(">", t, self.everywhere(math.sqrt(2.0) - 1.0))

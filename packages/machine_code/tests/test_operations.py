@@ -34,18 +34,41 @@ def test_an_operation_is_the_same_as_machine_code(tmp_path: Path) -> None:
     check("LLVM", LLVM, of_llvm, np.float32, tmp_path)
 
 
-@pytest.mark.parametrize("name", ["sin", "cos", "exp", "log"])
+def of_one(name: str, *arrays: np.ndarray) -> np.ndarray:
+    return of_llvm(LLVM, {(name, "real"): [*arrays]}, Path())[name, "real"]
+
+
+@pytest.mark.parametrize("name", ["sin", "cos", "exp", "log", "log1p"])
 def test_functions_are_numpys_far_from_zero(name: str) -> None:
-    """Headings of craft that turn, and logarithms of the smallest draws; what is no number stays so."""
+    """Phases of long flights, and logarithms of the smallest draws; what is no number stays so."""
     x = {
-        "sin": np.linspace(-1e3, 1e3, COUNT),
-        "cos": np.linspace(-1e3, 1e3, COUNT),
+        "sin": np.linspace(-1e6, 1e6, COUNT),
+        "cos": np.linspace(-1e6, 1e6, COUNT),
         "exp": np.linspace(-80, 80, COUNT),
         "log": np.geomspace(1e-30, 1e30, COUNT),
+        "log1p": np.linspace(-0.99, 2.0, COUNT),
     }[name].astype(np.float32)
     x[0] = np.nan
-    a = Symbol.input("a")
-    memory = CompiledProgram([a], [Symbol.apply(name, a)]).memory(COUNT)
-    memory.give([x])
     expected = getattr(np, name)(x.astype(np.float64))
-    np.testing.assert_allclose(memory.run(0)[0], expected, rtol=1e-6, atol=2e-7)
+    np.testing.assert_allclose(of_one(name, x), expected, rtol=1e-6, atol=2e-7)
+
+
+@pytest.mark.parametrize("name", ["sin", "cos"])
+def test_angles_without_digits_have_some_sine(name: str) -> None:
+    """Of a flight that failed long ago: it stays a number from -1 to 1, as NumPy's."""
+    x = np.geomspace(1e6, 1e38, COUNT, dtype=np.float32)
+    assert (np.abs(of_one(name, x)) <= 1.0).all()
+
+
+def test_an_angle_of_no_number_is_none() -> None:
+    a, nothing = np.ones(COUNT, np.float32), np.full(COUNT, np.nan, np.float32)
+    for y, x in ((a, nothing), (nothing, a)):
+        assert np.isnan(of_one("atan2", y, x)).all()
+
+
+def test_constant_zeros_keep_their_signs() -> None:
+    a = Symbol.input("a")
+    for zero in (0.0, -0.0):
+        memory = CompiledProgram([a], [Symbol.apply("atan2", zero, a)]).memory(1)
+        memory.give([-1.0])
+        np.testing.assert_allclose(memory.run(0)[0], np.arctan2(zero, -1.0), rtol=1e-6)

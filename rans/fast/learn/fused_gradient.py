@@ -88,9 +88,9 @@ class MatrixGradient:
         self._trunks = [f"{EXTRACTOR}{name}" for name in ("trunk", "critic")]
         self._trunks = self._trunks[: 2 if architecture.privileged else 1]
         self._columns = architecture.inputs + architecture.privileged
-        """Numbers that the first layer is given, at last what only the critic is told."""
+        """Width of the observed columns and memory, followed by what only the critic is told."""
         self._inputs = up(self._columns + 1, _ALIGNED)
-        """The same with a one, whose weights are the biases, and zeros."""
+        """Width of the inputs of products: these columns, a one whose weights are the biases, and zeros."""
         self._heads = up(architecture.thrusters + 1, _ALIGNED)
         """Outputs: log-odds of the thrusters, the value, and zeros."""
         self._activation = architecture.activation_module()
