@@ -46,7 +46,7 @@ def asks_rest(task: Task) -> bool:
 def arrived(task: Task, states: Any, goals: Any) -> np.ndarray:
     """Whether states are in the goal set: within the task's tolerances, and at rest if `asks_rest`.
 
-    The set is that of `rans.evaluation.compare.bounds.goal_set`. Where `aims` adds velocity or spin, their
+    The set is that of certified bounds. Where `aims` adds velocity or spin, their
     tolerances are `REST_SPEED` and `REST_SPIN`.
 
     Args:

@@ -54,6 +54,7 @@ class Transfers:
 
     def check(self, craft: Spacecraft, task: Task, period: float) -> None:
         """Refuse (`ConfigError`) what has no bound, also where the package for its certificate is missing."""
+        goal_set(task)
         check_certifiable(craft, wheels=True)
         if not no_certificate(craft, aims(task), period):
             require("numba")
@@ -98,7 +99,17 @@ class Transfers:
         if reason := without_certificate(contest.craft, aims(contest.task), period):
             note(reason)
         step = stages("certified bounds", count * len(events))
-        yield from certified_bounds(contest, count, events, cache, workers, step)
+        loose = set()
+        for answer in certified_bounds(contest, count, events, cache, workers, step):
+            if answer.lower is None:
+                loose.add(answer.event)
+            yield answer
+        if loose and not reason:
+            texts = ", ".join(event.text for event in events if event in loose)
+            note(
+                f"The hull bound alone stands for some starts: {texts}. The certificate's search is too large "
+                "there, or no number of pulses stops the spin."
+            )
 
     def bound(
         self,

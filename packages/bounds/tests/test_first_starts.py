@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rans_bounds import first_starts
+from rans_bounds import first_starts, transfers
 from rans_bounds.first_starts import certified_bounds
 from rans_bounds.starts import Question, goal_set, staying_set
 
@@ -19,6 +19,7 @@ from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contest
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.progress import unseen_stages
 from rans.tasks import GoToPose
 
 CONTEST = Contest(
@@ -115,3 +116,15 @@ def test_other_questions_and_older_proofs_are_searched_anew(
     monkeypatch.setattr(first_starts, "_VERSION", first_starts._VERSION + 1)
     list(certified_bounds(CONTEST, 1, [Event()], cache))
     assert len(asked) == 5
+
+
+def test_a_hull_bound_that_no_search_improved_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of events whose search had too many points; the others are certified."""
+    found = [Bound(0, 5.0, 1.0), Bound(0, None, 1.0, lower=2.0, kind="settling")]
+    monkeypatch.setattr(transfers, "certified_bounds", lambda *_: iter(found))
+    notes: list[str] = []
+    given = (None, None, unseen_stages, notes.append)
+    assert [*transfers.TRANSFERS.first_starts(CONTEST, 1, EVENTS, *given)] == found
+    assert [note.split(".")[0] for note in notes] == [
+        "The hull bound alone stands for some starts: impulse by 5 s"
+    ]

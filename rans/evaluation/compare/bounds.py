@@ -37,8 +37,8 @@ class Event(NamedTuple):
     """Event whose time or impulse is measured; numbers of different events are not compared."""
 
     kind: Kind = "arrival"
-    """arrival: first in the goal set, which asks for rest (see `goal_set`); settling: within the task's tolerances
-    to the end."""
+    """arrival: first in the goal set, which asks for rest (`rans.tasks.goal_set`); settling: within the task's
+    tolerances to the end."""
     horizon: float | None = None
     """None: the time of the event, s, is measured; else the impulse, N s, with which it has happened at this
     time, s."""
@@ -57,7 +57,7 @@ class Bound:
 
     start: int
     horizon: float | None
-    """See `Question`."""
+    """See `Event`."""
     hull: float
     """Lower bound for all commands between 0 and 1, on/off or not."""
     lower: float | None = None

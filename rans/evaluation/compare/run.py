@@ -29,6 +29,7 @@ from rans.optimal.trajectory.allocation import check_relaxation
 from rans.optimal.trajectory.arrival import check_goal
 from rans.optimal.trajectory.objectives import MinimumTime
 from rans.progress import Progress, Stages, unseen_stages
+from rans.verdict import last_fifth
 
 _SLOW = ("mpc", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
@@ -38,7 +39,7 @@ _HORIZONS = (1.2, 1.6, 2.0, 3.0, 4.0, math.inf)
 episode. The floating platform's are 6, 8, 10, 15, 20 and 25 s; at 1.2 each craft tried arrives from each start."""
 
 _RELAXED = (2.0, 4.0)
-"""Those by which the relaxed optimum is computed too."""
+"""Those by which the relaxed optimum is computed too, if the comparison has them."""
 
 TYPICAL = (2.0,)
 """The one by which most controllers arrive, for comparisons that do not ask for the whole curve of impulses."""
@@ -328,7 +329,12 @@ def _find_relaxed(
         comparison.notes.append(f"No optimum is computed: {reason}")
         return
     earliest: list[float] = []
-    for objective in relaxed.objectives(contest, comparison.horizons(_RELAXED), returns):
+    # Who arrives in the last fifth of an episode has not settled (`rans.verdict`).
+    steps = contest.timing.episode_steps
+    latest = contest.timing.control_period * (steps - last_fifth(steps))
+    chosen = [multiple for multiple in _RELAXED if multiple in comparison.multiples]
+    horizons = sorted({min(horizon, latest) for horizon in comparison.horizons(chosen)})
+    for objective in relaxed.objectives(contest, horizons, returns):
         step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with _noted(comparison, objective.name):
             optima = relaxed.solve(contest, objective, workers, step, earliest)

@@ -12,11 +12,13 @@ import pytest
 from rans_bounds.problem import SearchEffort
 
 from rans.errors import ConfigError
+from rans.evaluation.compare import relaxed
 from rans.evaluation.compare.entrants import enlisted
-from rans.evaluation.compare.run import Comparison
+from rans.evaluation.compare.run import TYPICAL, Comparison, _find_relaxed
 from rans.flight import fly
 from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MaximumReward
+from rans.progress import unseen_stages
 from rans.show.pages.comparison_page import page
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (
@@ -75,16 +77,31 @@ def test_what_physics_forbids_is_an_answer() -> None:
     assert all(optimum.solved and optimum.arrival > 2.0 for optimum in time)
     assert [(optimum.solved, optimum.too_early) for optimum in fuel] == [(False, True)] * 2
     [note] = [note for note in short.notes if "impossible" in note]
-    assert note.startswith("minimum fuel in 2 s: impossible from 2 of 2 starts")
+    assert note.startswith("minimum fuel in 1.6 s: impossible from 2 of 2 starts")
     [_, row, _] = relaxed_table(short).rows
     assert row[1] == "0 of 2; 2 impossible"
     board = scoreboard(short)
     summary = {one["contestant"]: one for one in outcome(short, board)["summary"]}
-    assert summary["minimum fuel in 2 s (relaxed)"]["impossible"] == 2
+    assert summary["minimum fuel in 1.6 s (relaxed)"]["impossible"] == 2
     facts = comparison_section(outcome(short, board)).facts
-    [text] = [f.value for f in facts if f.what == "minimum fuel in 2 s (relaxed)"]
+    [text] = [f.value for f in facts if f.what == "minimum fuel in 1.6 s (relaxed)"]
     assert "impossible in this time from 2" in text
     assert "found none" not in text
+
+
+def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """At 4 times the least time of 2.4 s an optimum would arrive in the last fifth of 10 s."""
+    asked: list[str] = []
+    monkeypatch.setattr(relaxed, "solve", lambda _, one, *__: asked.append(one.name) or [])
+    contest = replace(CONTEST, timing=Timing(episode_steps=50))
+    for multiples in (TYPICAL, (2.0, 4.0)):
+        found = Comparison(contest, multiples=multiples)
+        found.__dict__["least_time"] = 2.4
+        _find_relaxed(found, unseen_stages, 1, False)
+    once = ["minimum time", "minimum fuel in 4.8 s"]
+    assert asked == [*once, *once, "minimum fuel in 8 s"]
 
 
 def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
