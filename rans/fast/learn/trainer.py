@@ -91,7 +91,7 @@ class Trainer:
         torch.set_num_threads(config.threads)
         if config.device == "cpu" and machine_code() is None:
             warnings.warn(
-                "training on a processor is several times slower without the package llvmlite: "
+                "training on a processor takes about twice the time without the package llvmlite: "
                 f"{installing('fast')}",
                 RansWarning,
                 stacklevel=2,

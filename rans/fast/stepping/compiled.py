@@ -31,7 +31,7 @@ _MOST = 600
 class ArrayStep:
     """Step of the episodes of one engine on NumPy's arrays, which are changed in place.
 
-    The first call generates the program, in 0.01 s in the plane and up to 1 s under conditions in space. The
+    The first call compiles the program, in 0.1 s in the plane and up to 2 s under conditions in space. The
     equations are used instead without machine code, in double precision, for tasks that do more than arithmetic on
     fields, and for episodes with more than `_MOST` values.
     """
