@@ -202,11 +202,9 @@ class Train(Options):
         same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
         config = trainer.config
         rivals = [path]
-        if contestant := LEARNERS[config.algorithm].contestant:
-            craft = trainer.engine.craft
-            rivals.append(f"{contestant}:{config.task}-{craft.dimension}d@{config.spacecraft}")
         if config.settings.draws_trade_off:
-            rivals = [f"{rival}#{value}" for value in ("0", "0.5") for rival in rivals]
+            rivals = [f"{path}#{value}" for value in ("0", "0.5", "1")]
+        rivals += LEARNERS[config.algorithm].contestants(config, trainer.engine.craft)
         compare = shlex.join(["rans", "compare", *rivals, *same])
         if untrained:
             agent = untrained.partition("@")[0]

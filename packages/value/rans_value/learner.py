@@ -140,7 +140,7 @@ class ValueNetwork(nn.Module):
                 x = x + functional.silu(layer(x))
         raw = self.last(x)[..., 0]
         scale = problem.scale * (1.0 + problem.price(state))
-        return problem.waiting(state) + scale * functional.softplus(raw)
+        return problem.terms(state)[0] + scale * functional.softplus(raw)
 
 
 class Greedy:
@@ -661,6 +661,8 @@ functions are for one number."""
 _SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
 _SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024, "layers": (128, 128)}
 """Sizes of fit and policy on a CPU, in place of those of a GPU."""
+_POSES = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
+"""Flights to a pose, to which a value function of either flies at any trade-off."""
 
 
 class Value(Algorithm):
@@ -669,16 +671,21 @@ class Value(Algorithm):
     settings: ClassVar[type] = ValueSettings
     plain_network: ClassVar[bool] = True
 
-    contestant: ClassVar[str] = "value"
-
     @classmethod
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
         """Config for flights to a pose in the plane on a GPU; without one the agent for any craft is better."""
-        poses = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
-        fits = craft.dimension == 2 and suits(craft) and type(config.settings) in poses
+        fits = craft.dimension == 2 and suits(craft) and type(config.settings) in _POSES
         if not fits or config.device.startswith("cpu"):
             return None
         return cls.started(replace(config, algorithm="value", learner={}))
+
+    @classmethod
+    def contestants(cls, config: TrainConfig, craft: Spacecraft) -> list[str]:
+        """The value function, of flights to a pose at three trade-offs."""
+        is_pose = type(config.settings) in _POSES
+        task = "go-to-pose-priced" if is_pose else config.task
+        name = f"value:{task}-{craft.dimension}d@{config.spacecraft}"
+        return [f"{name}#{x}" for x in ("0", "0.5", "1")] if is_pose else [name]
 
     @classmethod
     def started(cls, config: TrainConfig) -> TrainConfig:

@@ -129,10 +129,14 @@ class PoseProblem:
         """
         opened = command.unbind(dim=-1)
         after, won, lost = self.frame.step(state, opened)
-        cost = self.waiting(state) + self.thrust_price(state) * self.burnt(opened)
+        waiting, price, discount = self.terms(state)
+        cost = waiting + price * self.burnt(opened)
         failure = self._flight * (1.0 + self.price(state))
-        discount = torch.where(won | lost, 0.0, self.discount(state))
-        return after, cost + torch.where(lost, failure, 0.0), discount
+        return (
+            after,
+            cost + torch.where(lost, failure, 0.0),
+            torch.where(won | lost, 0.0, discount),
+        )
 
     def burnt(self, command: Sequence[Tensor]) -> Tensor:
         """Impulse of a control period as a time of full thrust, s."""
@@ -169,26 +173,23 @@ class PoseProblem:
                 is_in = is_in & (rows.square().sum(dim=0) <= (_INSIDE * width) ** 2)
         return within, is_in, errors.square().mean(dim=0).sqrt()
 
-    def waiting(self, state: Tensor) -> Tensor:
-        """Cost of a control period by its state, s: of time outside, and of errors inside.
+    def terms(self, state: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Cost of a control period by its state, s, its price of the full thrust, s/s, and its discount.
 
-        Those rise with the price of thrust, or a craft that saves thrust would drift over the border and back; but
-        at the border they cost less than to be outside.
+        The cost is of time outside, and of errors inside. Those rise with the price of thrust, or a craft that
+        saves thrust would drift over the border and back; but at the border they cost less than to be outside.
+        Holding the pose has a price and a discount of its own.
         """
         within, is_in, error = self.inside(state)
-        held = _ERROR * error * (1.0 + self.price(state).clamp(max=_HOLD_PRICE[1]))
-        outside = torch.where(within, _RESTLESS, 1.0)
-        return self.period * torch.where(is_in, held, outside)
-
-    def thrust_price(self, state: Tensor) -> Tensor:
-        """Price of the full thrust where holding the pose has a price of its own, seconds a second."""
         price = self.price(state)
-        return torch.where(self.inside(state)[1], price.clamp(*_HOLD_PRICE), price)
-
-    def discount(self, state: Tensor) -> Tensor:
-        """Discount of a control period."""
+        held = _ERROR * error * (1.0 + price.clamp(max=_HOLD_PRICE[1]))
+        outside = torch.where(within, _RESTLESS, 1.0)
         approach, hold = (math.exp(-self.period / x) for x in (_APPROACH, _HOLD))
-        return torch.where(self.inside(state)[1], hold, approach)
+        return (
+            self.period * torch.where(is_in, held, outside),
+            torch.where(is_in, price.clamp(*_HOLD_PRICE), price),
+            torch.where(is_in, hold, approach),
+        )
 
     def quickest(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Least times to the origin of each axis alone, s, as of a double integrator: of place and of attitude."""
@@ -201,7 +202,7 @@ class PoseProblem:
         They are rather too long, as are the times of thrust, so that the first flights look for nothing better.
         """
         place, turn = (x.square().sum(dim=0).sqrt() for x in self.quickest(state))
-        return (place + 0.5 * turn) * (1.0 + 0.5 * self.price(state)) + self.waiting(state)
+        return (place + 0.5 * turn) * (1.0 + 0.5 * self.price(state)) + self.terms(state)[0]
 
     def features(self, state: Tensor) -> Tensor:
         """Inputs of the value function, (..., features)."""

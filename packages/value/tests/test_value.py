@@ -77,6 +77,7 @@ def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(
         after, won, lost = problem.frame.step(before, command.unbind(dim=1))
         assert torch.equal(won | lost, step.terminated)
         goes_on = ~step.terminated
+        assert not problem.frame.is_over(after[:, goes_on]).any()
         assert difference(made.states()[:, goes_on], after[:, goes_on]) < 1e-5
         _, cost, discount = problem.step(before, command)
         assert (discount[won | lost] == 0).all()
@@ -222,10 +223,11 @@ def test_a_training_leaves_its_policy_and_its_value_function(
     torch.testing.assert_close(learnt.average(state), controller._greedy.value(state))
     assert set(flight.commands.flat) <= {0.0, 1.0}
     assert controller._trade_off == 0.3
-    # The commands of a comparison's contestant are those of its own trade-off.
-    invited = "value:go-to-pose-priced-2d#0.7"
-    contestant: Any = enlist(invited, contest_of(invited, episodes=4))
-    assert contestant.controller.trade_off == 0.7
+    # The comparison that a training suggests is of several trade-offs, also where the agent has none.
+    plain = replace(config, task="go-to-pose", settings=TASKS["go-to-pose"]())
+    contest = contest_of("lqr:go-to-pose-2d", episodes=4)
+    rivals: list[Any] = [enlist(name, contest) for name in Value.contestants(plain, PLATFORM)]
+    assert [rival.controller.trade_off for rival in rivals] == [0.0, 0.5, 1.0]
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
         GreedyController(run.path)

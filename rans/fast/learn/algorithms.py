@@ -33,13 +33,16 @@ class Algorithm(ABC):
     """Frozen dataclass of the algorithm's settings, all with defaults; their values are `TrainConfig.learner`."""
     plain_network: ClassVar[bool] = False
     """Whether the network is computed by single operations of torch, whatever the engine does."""
-    contestant: ClassVar[str] = ""
-    """Name of the controller as which what it has learnt beside the network flies; empty: there is none."""
 
     @classmethod
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
         """Config of this algorithm for ``rans train --quality best``; None: others train this agent better."""
         return None
+
+    @classmethod
+    def contestants(cls, config: TrainConfig, craft: Spacecraft) -> list[str]:
+        """Names under which what is learnt beside the network flies the task; by default there is nothing."""
+        return []
 
     @classmethod
     def started(cls, config: TrainConfig) -> TrainConfig:
