@@ -355,9 +355,12 @@ def _gaps(comparison: Mapping[str, Any]) -> Iterator[Fact]:
     certified = comparison.get("certified", {})
     for question, ratios in certified.get("gaps", {}).items():
         for name, each in [*ratios.items()][:1]:
-            if finite := [ratio for ratio in each if math.isfinite(number(ratio))]:
+            finite = [ratio for ratio in each if math.isfinite(number(ratio))]
+            text = f"never, of {counted(len(each), 'start')}"
+            if finite:
                 text = f"{sum(finite) / len(finite):.3f} times the certified least"
-                text += f", mean of {counted(len(finite), 'start')}"
+                text += f", mean of {len(finite)} of {counted(len(each), 'start')}"
+            if each:
                 yield Fact(f"gap of {name}: {question}", text, "limits")
 
 

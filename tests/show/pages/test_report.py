@@ -285,8 +285,14 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
         "mean_impulse": 12.0,
     }
     bound = agent | {"contestant": "least time", "flown": 3}
+    gaps = {"impulse by 9 s": {"agent": [2.0, "inf"]}, "by 6 s": {"agent": ["inf"]}}
     section = comparison_section(
-        {"title": "4 starts", "summary": [agent, bound], "failures": ["One lost."]}
+        {
+            "title": "4 starts",
+            "summary": [agent, bound],
+            "failures": ["One lost."],
+            "certified": {"gaps": gaps},
+        }
     )
     assert section.text == "4 starts."
     assert section.checks == [(False, "One lost.")]
@@ -296,6 +302,12 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
             "least time",
             "solves its task from 2 of 4 starts, 12.00 N s of thrust (mean); the optimiser found none from 1",
         ),
+        Fact(
+            "gap of agent: impulse by 9 s",
+            "2.000 times the certified least, mean of 1 of 2 starts",
+            "limits",
+        ),
+        Fact("gap of agent: by 6 s", "never, of 1 start", "limits"),
     ]
 
 
