@@ -77,7 +77,7 @@ def typed(name: Given) -> Given:
 
 
 def by_user(load: Callable[Concatenate[Given, More], T]) -> Callable[Concatenate[Given, More], T]:
-    """The same function of a name, for names that the user has `typed`."""
+    """Decorator of a function of a name: every name that it is given counts as `typed`."""
 
     @wraps(load)
     def load_typed(name: Given, *more: More.args, **named: More.kwargs) -> T:

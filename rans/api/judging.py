@@ -308,7 +308,7 @@ STARTS = 16, 1
 """Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of
 it on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
 _ALL_STARTS = 128, 4
-"""The same for a full comparison, which takes minutes."""
+"""Starts of a full comparison, and those of them with certified bounds; it takes minutes."""
 
 
 def starts_of(episodes: int | None, certified: int | None, full: bool) -> tuple[int, int]:

@@ -18,7 +18,7 @@ class Activation(NamedTuple):
     module: str
     """Name of the module of `torch.nn` that computes it."""
     formula: Callable[[Field], Field]
-    """The same of fields of any library."""
+    """Activation of fields of any library."""
     slope: Callable[[Field], Field] | None = None
     """Derivative at a number, from the function's value there; None: autograd computes it."""
 

@@ -34,7 +34,7 @@ class Nozzles:
     """What becomes of commands to N spacecraft of t thrusters."""
 
     gain: np.ndarray
-    """(N, t): share of what it is told that each gives."""
+    """Share of its command that each thruster gives, (N, t)."""
     leak: np.ndarray
     """(N, t): share of its force that it gives besides."""
     droop: np.ndarray
@@ -55,7 +55,7 @@ class Nozzles:
         latency: Any = 0.0,
         rise: Any = 0.0,
     ) -> Self:
-        """Of so many spacecraft with this body; each value is one number or (N,)."""
+        """Nozzles of so many spacecraft with this body; each value is one number or (N,)."""
 
         def columns(values: Sequence[Any]) -> np.ndarray:
             table = np.empty((count, len(values)))  # without a column for craft of wheels alone
@@ -145,9 +145,9 @@ class _Flow:
     first: np.ndarray
     """(N, thrusters), as shares of full force."""
     row: np.ndarray
-    """Whose thrust changes, (changes,) like all that follow."""
+    """Number of the spacecraft whose thrust changes, (changes,) like all that follow."""
     column: np.ndarray
-    """Of which nozzle."""
+    """Number of the nozzle."""
     size: np.ndarray
     """By which share of full force."""
     start: np.ndarray

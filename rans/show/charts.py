@@ -18,7 +18,7 @@ Rows = Sequence[Mapping[str, Any]]
 
 
 _MOST_POINTS = 100
-"""Of a learning curve, and of a curve over the time of a flight at least."""
+"""Largest number of points of a learning curve; a curve over the time of a flight has up to twice as many."""
 _FLOOR = 0.01
 """Least error that is shown, in its display unit: a logarithmic axis has no place for 0."""
 

@@ -119,7 +119,7 @@ def commanded(kind: float, demand: list[float], shut: list[float] | None = None)
 
 
 def test_wheels_turn_the_craft_by_what_thrusters_leave_of_a_demand() -> None:
-    """Of a spin of 0.5 the thruster gives 0.2, and what the wheel gives is 2 x 0.65 - 1 = 0.3 less its price."""
+    """The thruster gives 0.2 of a spin of 0.5, and what the wheel gives is 2 x 0.65 - 1 = 0.3 less its price."""
     *opened, wheel = commanded(ON_OFF, [1.0, 0.0, 0.5])
     assert [x > 0.0 for x in opened] == [True, False, False, False]
     assert wheel == pytest.approx(0.65, abs=0.02)

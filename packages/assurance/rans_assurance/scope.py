@@ -139,7 +139,7 @@ def drawn_texts(
 
 
 def _settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str, bool]]]:
-    """Of every setting its name, and its value, its docstring, and whether it is the default."""
+    """Name of every setting, with its value, its docstring, and whether it is the default."""
     texts = _meanings(type(settings))
     for setting in dataclasses.fields(settings):
         value = getattr(settings, setting.name)

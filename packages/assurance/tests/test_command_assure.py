@@ -133,5 +133,5 @@ def test_a_bound_that_is_refuted_ends_with_1(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setitem(DEFAULTS, "confidence", 0.6)
-    assert main(f"{LAB} --failure-below 3e-3 --episodes 400".split()) == 1
+    assert main(f"{LAB} --failure-below 3e-3".split()) == 1
     assert "Refuted" in capsys.readouterr().out

@@ -53,7 +53,7 @@ _MISSION_TEXT = (
     "by its deadline, with any control law. Shares have Wilson's 95 % intervals, the others bootstrap intervals "
     "over starts."
 )
-"""The same for missions that end with their success."""
+"""How to read a comparison of missions, which end with their success."""
 
 
 def page(comparison: Comparison, command: str = "") -> Page:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 from typing import TYPE_CHECKING
 
-from rans.extend import Options, Table, Terminal, command_of, counted, say, whole, word
+from rans.extend import Options, Table, Terminal, command_of, say, word
 from rans_assurance.functions import ASSURED, assure
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ class Assure(Options):
         if self.episodes == 0:
             _print_plan(self.failure_below)
             return 0
-        whole("--episodes", self.episodes)
         shown: list[Assurance] = []
 
         def show(assurance: Assurance) -> None:
@@ -61,14 +60,23 @@ class Assure(Options):
         return 0 if is_shown or not shown else 1  # of torchrun's processes the others only fly
 
 
+_NAMED = 3
+"""Largest number of ranges of conditions in a sentence."""
+
+
 def _show(assurance: Assurance) -> None:
     """Print what an assurance says, what it was asked, and the command that shows its worst failure."""
     console = Terminal(room=100)
     say(assurance.section, console)
     asked = [row for row in assurance.scope if row[0] != "conditions"]
     console.table(Table(("asked", "it is"), asked))
-    ranges = len(assurance.scope) - len(asked)
-    console.say(f"Conditions: {counted(ranges, 'range')}, in {assurance.file}.")
+    # Of conditions there is a row a range, of a mixture a row a set.
+    ranges = [text for what, text in assurance.scope if what == "conditions"]
+    said = "; ".join(ranges[:_NAMED])
+    more = len(ranges) - _NAMED
+    console.say(
+        f"Conditions: {said}{f'; and {more} more, see {assurance.file}' if more > 0 else ''}."
+    )
     if assurance.replays and assurance.replays.found:
         worst_replay = max(assurance.replays.found, key=lambda replayed: replayed.excess)
         console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")
