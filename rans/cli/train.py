@@ -201,7 +201,7 @@ class Train(Options):
         guard = ["--guard"] if trainer.config.guard else []
         same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
         config = trainer.config
-        rivals = [path]
+        rivals = [_judged(trainer)]
         if config.settings.draws_trade_off:
             rivals = [f"{path}#{value}" for value in ("0", "0.5", "1")]
         rivals += LEARNERS[config.algorithm].contestants(config, trainer.engine.craft)
@@ -236,8 +236,14 @@ def _without_training(trainer: Trainer) -> str:
     is_nominal = not config.guard and config.conditions.or_none is None
     if not is_nominal or trust_option(config, trainer.engine.craft):
         return ""
-    name = ContestantName.parse(str(trainer.run.path))
+    name = ContestantName.parse(_judged(trainer))
     return without_training([name], contest_of(name, 1))
+
+
+def _judged(trainer: Trainer) -> str:
+    """Name under which a comparison flies the agent; of several tasks or trade-offs the first."""
+    part = next(iter(trainer.config.settings.parts()))
+    return f"{trainer.run.path}#{part}" if part else str(trainer.run.path)
 
 
 def _is_setting(config: TrainConfig, change: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -27,6 +28,20 @@ def test_the_suggested_training_keeps_settings_of_the_task() -> None:
     )
     better = command._next(trainer)[-1].partition("   #")[0]
     assert better == "rans train go-to-pose --set thrust_weight=0.1 --quality good"
+
+
+@pytest.mark.parametrize("task", ["go-to-pose-priced", "multi-task"])
+def test_what_a_training_suggests_is_of_tasks_that_a_comparison_takes(task: str) -> None:
+    command = training.Train(task)
+    config = command.resolved()
+    craft = load_spacecraft("floating-platform")
+    trainer: Any = SimpleNamespace(
+        run=SimpleNamespace(path=Path("runs/a")),
+        config=config,
+        engine=SimpleNamespace(craft=craft),
+    )
+    compared = shlex.split(command._next(trainer)[1])[2:]
+    assert all(name.partition("#")[2] in config.settings.parts() for name in compared)
 
 
 def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:
