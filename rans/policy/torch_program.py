@@ -15,7 +15,7 @@ from rans.policy.scalars import EACH
 
 
 class TorchProgram:
-    """One row of a program, by torch's operations on rows (N, k).
+    """One row of a policy's program, by torch's operations on rows (N, k).
 
     Its tables are made at once, since a CUDA graph may not copy from a CPU.
 
@@ -63,4 +63,6 @@ def _computed(step: Step, *arguments: Any) -> Any:
             return arguments[0].argmax(dim=-1)
         case "Gather":
             return arguments[0][arguments[1]]
-    raise NotImplementedError(f"{step.operation} of a backbone")
+    raise NotImplementedError(
+        f"torch does not compute the operation {step.operation!r} of a backbone's program yet."
+    )

@@ -96,7 +96,10 @@ def test_products_find_what_autograd_finds(
     if device == "cuda":  # where a training chooses it
         del learner.backend
         assert isinstance(learner.backend, MatrixGradient)
-    agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, 0.05)
+    # Rounding moves these gradients by up to 22 % from those in float32. From those of the rounded reference they
+    # differ by 0.6 % on a processor, which sums as it does, and by 3.5 % on an H200.
+    share = 0.05 if device == "cuda" else 0.02
+    agree(MatrixGradient(learner.network, learner.adam, learner.settings), learner, batch, share)
 
 
 @pytest.mark.parametrize("settings", [{"continuous": True}, {"layers": (16,)}])
