@@ -336,11 +336,11 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         "Comparison",
         f"{comparison['title']}.",
         [Table(("contestant", "outcome"), rows)],
-        facts=[*(tiles or (Fact(*row) for row in rows)), *_gaps(comparison)],
+        facts=[*tiles, *(Fact(*row) for row in rows), *_gaps(comparison)],
         failures=comparison["failures"],
         notes=comparison.get("notes", ()),
         link="compare.html",
-        hero=str(comparison.get("hero") or f"{said}."),
+        hero=str(comparison.get("hero") or (f"{said}." if said else "")),
     )
 
 
