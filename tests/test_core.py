@@ -53,6 +53,7 @@ for module in (os, signal):
         beginnings = "O_", "SIG", "ITIMER", "pthread_", "sched_"
         if name in alone or name.startswith(beginnings) and not name.startswith(("SIG_DFL", "SIG_IGN")):
             delattr(module, name)
+os.environ["USERNAME"] = "user"  # as Windows always has it; torch names its cache by it
 for name in ("fcntl", "grp", "pwd", "resource", "termios"):
     sys.modules.pop(name, None)
 """

@@ -166,7 +166,9 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
 def test_relaxed_optima(comparison: Comparison) -> None:
     """Replayed in Drake to the millimetre; what may throttle earns more than what may not."""
     solved = [all(row.solved for row in rows) for rows in comparison.relaxed.values()]
-    assert solved == [True] * 4
+    assert (
+        solved == [True] * 3
+    )  # least time, least fuel by 3 s, greatest reward: later leaves no time to settle
     errors = [
         row.replay_error for rows in comparison.relaxed.values() for row in rows if row.solved
     ]
