@@ -84,6 +84,5 @@ print(f"probability of failure at most {most:.1e}")
 # %%
 # Next
 # ----
-# ``rans assure RUN --failure-below 1e-4`` flies as many as it takes to show or refute a bound, and
-# ``--search lab`` finds the smallest disturbance that breaks the agent. Bounds hold for the simulated
-# conditions: make them at least as bad as reality.
+# ``rans assure RUN --failure-below 1e-4`` flies as many as it takes to show or refute a bound. Bounds hold
+# for the simulated conditions: make them at least as bad as reality.

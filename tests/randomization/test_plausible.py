@@ -59,8 +59,7 @@ def test_a_slip_is_named(slip: str) -> None:
 
 
 DOORS: dict[str, Callable[[Path], object]] = {
-    "assure": lambda file: rans.assure("mpc:go-to-pose-2d", conditions=file, search="lab"),
-    "assure, searched": lambda file: rans.assure("mpc:go-to-pose-2d", search=str(file)),
+    "assure": lambda file: rans.assure("mpc:go-to-pose-2d", conditions=file, output=file),
     "engine": lambda file: Engine(PLATFORM, GoToPose(), 2, conditions=file),
     "environment": lambda file: gymnasium.make("rans/GoToPose2D-v0", conditions=file),
     "evaluate": lambda file: rans.load_agent("go-to-pose-2d").under(file),

@@ -1,1 +1,1 @@
-"""Assurance of agents: failure bounds, robustness sweeps, worst cases, recoverable faults, and paths."""
+"""Assurance of agents: failure bounds, robustness sweeps, recoverable faults, and paths."""

@@ -130,7 +130,6 @@ def assure(
     failure_below: float | None = None,
     confidence: float = 0.99,
     worst: int = 4,
-    search: str | None = None,
     seed: int = ASSURANCE_SEED,
     device: str = "auto",
     trust: bool = False,
@@ -152,8 +151,6 @@ def assure(
             its count decides.
         confidence: confidence of every bound.
         worst: number of failed flights of each kind that are flown again in Drake.
-        search: also search for the smallest disturbance that makes the agent fail, in units of these conditions,
-            such as lab.
         seed: random seed of starts, goals and conditions.
         device: "auto" (a GPU if there is one), "cpu" or "cuda".
         trust: see `rans.api.judging.compare`.
@@ -169,7 +166,6 @@ def assure(
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.assure.bounds import plan
     from rans_assurance.assure.campaign import Campaign
-    from rans_assurance.assure.search import FLIGHTS, check_search
 
     # What is wrong is refused before anything flies.
     again = whole("worst", worst, least=0)
@@ -185,11 +181,7 @@ def assure(
         world=conditions_if_named(conditions),
         given=in_memory.run if in_memory else None,
     )
-    craft = assurance.run.craft
-    unit = None
-    if search:
-        unit = load_conditions(search, craft)
-        check_search(search, unit, assurance.run.controller)
+    _ = assurance.run  # refuses a wrong name before a folder is made
     if output is not None:
         assurance.write_into(ready_folder(Path(output)))
     # Of torchrun's processes the others only fly.
@@ -216,7 +208,6 @@ def assure(
             return
         if file is not None:
             write_json(file, assurance.to_json())
-            assurance.write_worst_case()
         if show is not None:
             show(assurance)
 
@@ -226,8 +217,6 @@ def assure(
         assurance.fly(processor, stage, keep, processes)
         stage("failed flights again", None)
         assurance.replay(again, again)
-        if search and unit:
-            assurance.search(search, unit, stage("the worst case", FLIGHTS))
     return assurance
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
@@ -125,17 +125,6 @@ def _ranges(conditions: Conditions) -> Iterator[str]:
         value, text, _ = values[name]
         what, unit, factor = meaning(name, text)
         yield f"{what}: {_value(value, factor)} {unit}".rstrip()
-
-
-def drawn_texts(
-    conditions: Conditions, drawn: Mapping[str, Sequence[Any]]
-) -> Iterator[tuple[str, str]]:
-    """Settings of conditions in words, and the numbers that one episode drew of each, by name, with the unit."""
-    for name, (_, text, _) in _settings(conditions):
-        if name in drawn:
-            what, unit, factor = meaning(name, text)
-            numbers = (f"{factor * float(np.ravel(x)[0]):.3g}" for x in drawn[name])
-            yield what, f"{', '.join(numbers)} {unit}".rstrip()
 
 
 def _settings(settings: Any, prefix: str = "") -> Iterator[tuple[str, tuple[Any, str, bool]]]:

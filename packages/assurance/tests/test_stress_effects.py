@@ -14,6 +14,7 @@ from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
+from rans.randomization.conditions_file import load_conditions
 from rans.scenario import draws, scenarios
 from rans.tasks import GoToPose
 
@@ -39,6 +40,10 @@ def test_sizes_are_what_they_are_called() -> None:
     assert made("torque", 0.031).disturbances.torque == 0.031
     assert made("noise of spin", 2.0).sensors.spin.noise == pytest.approx(math.pi / 90.0)
     assert made("readings late by", 1.0).sensors.delay == 1.0
+    half = made("all of lab", 0.5)
+    assert (half.body.mass, half.thrusters.latency) == ((0.875, 1.125), (0.0, 0.05))
+    assert half.sensors.position.noise == pytest.approx((0.0025, 0.0025))
+    assert made("all of lab", 1.0).disturbances == load_conditions("lab").disturbances
 
 
 def made(name: str, size: float) -> Conditions:

@@ -24,7 +24,6 @@ from rans.extend import (
     Failure,
     LoadedRun,
     Processes,
-    Progress,
     Section,
     Stages,
     conditions_text,
@@ -32,7 +31,6 @@ from rans.extend import (
     inside,
     read_json,
     scenarios,
-    unseen,
     unseen_stages,
     view_command,
 )
@@ -42,7 +40,6 @@ from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.replay import Replays, replays
-from rans_assurance.assure.search import Searched, searched
 from rans_assurance.scope import scope
 from rans_assurance.sections.assurance import assurance_section
 
@@ -61,8 +58,6 @@ class Assurance:
     campaign: Campaign
     replays: Replays | None = None
     """Failed flights, flown again; None: not yet."""
-    searched: Searched | None = None
-    """Search for the smallest disturbance that breaks the agent; None: not asked for."""
     command: str = ""
     """Command line that made the assurance."""
     environment: dict[str, str] = field(default_factory=this_environment)
@@ -152,20 +147,6 @@ class Assurance:
             self.run.controller, self.run.judged, self.campaign.seed, numbers, worst, sample
         )
 
-    def search(self, world: str, conditions: Conditions, progress: Progress = unseen) -> None:
-        """Store in `searched` the smallest disturbance that breaks the agent.
-
-        See `rans_assurance.assure.search.searched`.
-        """
-        self.searched = searched(
-            world,
-            conditions,
-            self.run.controller,
-            self.run.judged,
-            self.campaign.seed,
-            progress,
-        )
-
     def view(self, number: int) -> str:
         """Command that shows a flight again."""
         return view_command([self.spec], self.run.task, self.conditions, number, self.campaign.seed)
@@ -187,21 +168,6 @@ class Assurance:
         stem = "-".join(filter(None, ("assurance", part, label)))
         self.file = inside(folder, f"{stem}.json")
         self._check_replaces_nothing(self.file)
-
-    @property
-    def worst_case_page(self) -> Path | None:
-        """Page with the flight of the smallest disturbance that breaks the agent; None: none was found."""
-        if self.file is None or not (self.searched and self.searched.breaking):
-            return None
-        return self.file.with_name(f"{self.file.stem}-worst-case.html")
-
-    def write_worst_case(self) -> None:
-        """Write the page that replays the smallest disturbance that breaks the agent, where one was found."""
-        page = self.worst_case_page
-        if page is not None and self.searched and self.searched.breaking:
-            from rans.show.pages.replay import replay_page
-
-            replay_page([self.searched.breaking.flight], "Worst case").write(page)
 
     @property
     def section(self) -> Section:
@@ -280,7 +246,6 @@ class Assurance:
                     for replayed in self.replays.found
                 ],
             },
-            "searched": self.searched and self.searched.to_json(),
             "command": self.command,
             "environment": self.environment,
         }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +18,6 @@ from rans.extend import (
     is_installed,
     last_fifth,
     leaves,
-    map_leaves,
     seed_words,
     worst_errors,
 )
@@ -131,25 +130,6 @@ def replays(
 def drawing(seed: int, numbers: Sequence[int]) -> Draws:
     """Random numbers of scenarios of a seed."""
     return Draws(*seed_words(seed), np.array(numbers, dtype=np.int32), 0, np.float64)
-
-
-def picked(flight: Flight, episodes: Sequence[int]) -> Flight:
-    """A flight of the episodes with these numbers alone, (T, K) of (T, N).
-
-    `Flight.guarded` and conditions are left out.
-
-    Margins, lengths and `Flight.done` stay those of all episodes: it is for states and commands.
-    """
-
-    def some(x: Any) -> Any:
-        return x[..., list(episodes)] if np.ndim(x) else x
-
-    return replace(
-        flight,
-        states=map_leaves(some, flight.states),
-        goals=map_leaves(some, flight.goals),
-        commands=flight.commands[:, list(episodes)],
-    )
 
 
 def failure_kinds(flight: Flight) -> list[Failure | None]:

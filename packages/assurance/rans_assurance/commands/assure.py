@@ -31,7 +31,7 @@ class Assure(Options):
     divides_work = True
     examples = (
         "rans assure runs/first --failure-below 1e-3",
-        "rans assure runs/first --conditions lab --search lab",
+        "rans assure runs/first --conditions lab",
     )
     following = ("rans dossier {agent}",)
 
@@ -82,8 +82,7 @@ def _show(assurance: Assurance) -> None:
         console.say(f"The worst failure, at {worst_replay.excess:.3g} tolerances:")
         console.command(assurance.view(worst_replay.number))
     assert assurance.file is not None
-    page = assurance.worst_case_page
-    console.say(f"Written to {assurance.file}{'' if page is None else f', {page.name}'}.")
+    console.say(f"Written to {assurance.file}.")
 
 
 def _print_plan(failure_below: float | None) -> None:

@@ -26,7 +26,6 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     failed = "{failures:,} of {flights:,}".format(**bound)
     replays = result.get("replays") or {}
     judged = replays.get("judged", [])
-    found_one = (result.get("searched") or {}).get("text", "")
     sure = Fact(
         "failure probability, at most" + (f" ({below:g} allowed)" if below is not None else ""),
         f"{bound['at most']:.3g}",
@@ -40,26 +39,19 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
         sure,
         *again,
         *([] if bound["failures"] else [Fact("worst flight", "none failed", "limits")]),
-        *([Fact("smallest disturbance that fails", found_one, "limits")] if found_one else []),
         *_asked_facts(result),
     ]
-    page = file.with_name(f"{file.stem}-worst-case.html")
     return Section(
         file.stem.replace("-", " ").capitalize(),  # such as "Assurance lab"
         f"Flown by {result['command']}. {_TEXT}",
         [counts(result)],
         facts=facts,
-        notes=[
-            *(f"{fact.what}: {fact.value}." for fact in again if fact.part == "evidence"),
-            *([found_one] if found_one else []),
-        ],
+        notes=[f"{fact.what}: {fact.value}." for fact in again if fact.part == "evidence"],
         details=[
             *_again(judged),
             *asked(result),
-            *_worst_case(result),
             _hashes(result),
         ],
-        link=page.name if page.is_file() else "",
         hero=decision_sentence(result),
         sure=sure,
     )
@@ -185,22 +177,6 @@ def _again(judged: list[Mapping[str, Any]]) -> Iterator[Table]:
 
 def _kind(name: str | None) -> str:
     return Failure[name].meaning if name else "does not fail"
-
-
-def _worst_case(result: Mapping[str, Any]) -> Iterator[Table]:
-    """The smallest disturbance that was found to break the agent."""
-    smallest = (result.get("searched") or {}).get("smallest")
-    if smallest:
-        again = "; ".join(
-            f"{_JUDGES[judge]}: {_kind(kind)}" for judge, kind in smallest["again"].items()
-        )
-        rows = [
-            ["flown again in", again],
-            ["largest error", f"{smallest['excess']:.3g} tolerances"],
-            ["in the end it", smallest["ending"]],
-            *([name, text] for name, text in smallest["drew"].items()),
-        ]
-        yield Table(("what", "it is"), rows, "Worst case")
 
 
 def _hashes(result: Mapping[str, Any]) -> Table:

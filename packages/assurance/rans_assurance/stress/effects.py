@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from math import radians
 from typing import Any
 
 import numpy as np
 
-from rans.extend import Conditions, ConfigError, Spacecraft, ThrusterConditions, Timing, distinct
+from rans.extend import (
+    Conditions,
+    ConfigError,
+    Spacecraft,
+    ThrusterConditions,
+    Timing,
+    bounds,
+    distinct,
+    load_conditions,
+)
 from rans.randomization.conditions import FaultConditions
+from rans.randomization.plausible import implausible
+from rans.structure import is_range
 
 
 @dataclass(frozen=True)
@@ -91,6 +102,9 @@ def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     effects.append(
         Effect("outages every 5 s of", "s", 0.0, (0.4, 1.0, 2.0), _only("sensors.outage"))
     )
+    lab = load_conditions("lab")
+    times = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5)
+    effects.append(Effect("all of lab", "times", 0.0, times, lambda size: _scaled(lab, size)))
     return [
         replace(effect, sizes=tuple(x for x in effect.sizes if _is_possible(effect.make(x), craft)))
         for effect in effects
@@ -98,12 +112,12 @@ def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
 
 
 def _is_possible(conditions: Conditions, craft: Spacecraft) -> bool:
-    """Whether a spacecraft can have the conditions."""
+    """Whether a spacecraft can have the conditions, and some controller could hold them."""
     try:
         conditions.check_craft(craft)
     except ConfigError:
         return False
-    return True
+    return not implausible(conditions, craft)
 
 
 def _only(settings: str, unit: float = 1.0) -> Callable[[float], Conditions]:
@@ -121,6 +135,21 @@ def _only(settings: str, unit: float = 1.0) -> Callable[[float], Conditions]:
         return result
 
     return conditions
+
+
+def _scaled(part: Any, size: float) -> Any:
+    """Settings whose ranges are so many times as far from the nominal values; 1 leaves them as they are."""
+    nominal = type(part)()
+    changed = {}
+    for setting in fields(part):
+        value = getattr(part, setting.name)
+        usual = getattr(nominal, setting.name)
+        if is_dataclass(value):
+            changed[setting.name] = _scaled(value, size)
+        elif is_range(setting) and value != usual:
+            origin, _ = bounds(usual)
+            changed[setting.name] = tuple(origin + size * (x - origin) for x in bounds(value))
+    return replace(part, **changed)
 
 
 def _of_valves(craft: Spacecraft, period: float) -> Iterator[Effect]:
