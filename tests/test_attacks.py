@@ -17,11 +17,11 @@ from typing import Any
 import pytest
 
 import rans
+from rans import TASKS
 from rans.cli import main
 from rans.errors import ConfigError, brief
 from rans.files import Lock, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
-from rans.tasks import TASKS
 
 ROOT = Path(__file__).parents[1]
 PLATFORM_TEXT = spacecraft_text("floating-platform")

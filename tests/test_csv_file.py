@@ -10,12 +10,11 @@ import pytest
 from rans_robot.identify.log import read_csv as read_log
 
 import rans
+from rans import ConfigError, Timing
 from rans.csv_file import read_csv
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.flights_file import FlightsFile
 from rans.model.actuators import Throttle
-from rans.model.timing import Timing
 
 PLATFORM = rans.load_spacecraft("floating-platform")
 THROTTLED = replace(PLATFORM, actuators=Throttle())

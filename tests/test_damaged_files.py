@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 import rans
+from rans import GoToPose
 from rans.deploy.export import write_export
 from rans.episode import Setup
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -17,7 +18,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import write_json
 from rans.pretrained import pretrained_folder
 from rans.show.pages.report import report_from_run
-from rans.tasks import GoToPose
 from tests.support.damage import check
 from tests.support.written_files import RESULTS, TUNED
 

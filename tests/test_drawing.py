@@ -8,9 +8,9 @@ import pytest
 from matplotlib.patches import Circle
 from matplotlib.quiver import Quiver
 
+from rans import Spacecraft
 from rans.drawing import Scene
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.figures.layout_figure import draw_layout
 from rans.tasks import (

@@ -13,15 +13,13 @@ import numpy as np
 import pytest
 import torch
 
+from rans import Engine, GoToPose, Timing
 from rans.episode import Setup, World, step
-from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.model.fields import where
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.reference.flight import DrakeMover, fly_in_drake
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from rans.verdict import Failure
 from tests.support.missions import Pass
 from tests.support.played import Played

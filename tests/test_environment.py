@@ -14,8 +14,7 @@ from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import RecordVideo
 
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
+from rans import GoToPose, Timing
 from tests.support.processes import PATIENCE
 
 PLANE = "rans/GoToPose2D-v0"

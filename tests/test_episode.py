@@ -11,20 +11,14 @@ import numpy as np
 import pytest
 import torch
 
+from rans import Conditions, Engine, SensorConditions, SensorsConditions, Timing
 from rans.episode import Episode, Setup, World, step
-from rans.fast.engine import Engine
 from rans.flight import fly
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.dynamics import PlanarState, State
 from rans.model.fields import Field, Heading, Vec2, leaves, map_leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
-    Conditions,
-    SensorConditions,
-    SensorsConditions,
-)
 from rans.scenario import Scenario, draws, scenarios
 from rans.tasks import (
     GoToPose,

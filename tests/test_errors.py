@@ -8,9 +8,8 @@ from typing import Any
 
 import pytest
 
-from rans import errors
+from rans import TASKS, GoToPosePriced, errors
 from rans.evaluation.measure.aggregate import Metrics
-from rans.tasks import TASKS, GoToPosePriced
 from rans.tasks.go_to_pose_priced import TradeOffPositions
 from tests.support.scripts import module_of
 

@@ -15,14 +15,11 @@ import numpy as np
 import pytest
 
 import rans
+from rans import LQR, ConfigError, RansError, Timing, run_on
 from rans.cli import main
 from rans.episode import Setup
-from rans.errors import ConfigError, RansError
 from rans.evaluation.fly import episodes
-from rans.executors import run_on
 from rans.model.fields import leaves
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.processes import Workers, nothing
 from tests.support.draws import PLATFORM
 from tests.support.processes import wait_until

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans import files
+from rans import ConfigError, files
 from rans.cli import main
-from rans.errors import ConfigError
 from rans.files import (
     append_text,
     distinct,

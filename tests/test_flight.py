@@ -11,15 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
+from rans import LQR, ConfigError, Spacecraft, Timing
 from rans.evaluation.measure.metrics import returns
 from rans.flight import Flight, fly, outran
 from rans.model.accuracy import fastest
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, Transition, observation_width
 from tests.support.evaluation_flights import flight_of

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError
 
 BOXES = ["rans/Land3D-v0", "rans/Land3D-Drake-v0"]
 """Environments of continuous actions."""

@@ -15,18 +15,16 @@ import numpy as np
 import pytest
 
 import rans
+from rans import ConfigError, PPOSettings, Timing
 from rans.cli.next_commands import training
 from rans.deploy.export import write_agent, write_export
-from rans.errors import ConfigError
 from rans.fast.agent_files.agent import SavedPolicy
-from rans.fast.learn.config import PPOSettings
 from rans.files import write_json
 from rans.flight import fly
 from rans.languages import C, Code, Python, Toml
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.spacecraft_draft import commented
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios

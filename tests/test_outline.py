@@ -12,8 +12,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from rans.errors import RansWarning
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans import RansWarning, Spacecraft, Thruster
 from rans.outline import Outline
 
 THRUSTERS = (

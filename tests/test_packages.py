@@ -12,13 +12,12 @@ from pathlib import Path
 from typing import Any
 
 import rans
-from rans import extend
+from rans import TASKS, extend
 from rans.abilities import PUBLIC
 from rans.cli.commands import COMMANDS
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import resolve
-from rans.tasks import TASKS
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/README.md"))

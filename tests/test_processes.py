@@ -17,7 +17,7 @@ from typing import Any
 
 import pytest
 
-from rans.errors import RansError
+from rans import RansError
 from rans.processes import Processes, Workers, nothing
 from tests.support.processes import wait_until
 

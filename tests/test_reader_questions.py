@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 from rans_missions.ccsds import read_opm
 
+from rans import GoToPose
 from rans.evaluation.fly.exported import read_contract
 from rans.evaluation.fly.tuned import Tuned
 from rans.evaluation.fly.user_policy import user_policy
@@ -28,7 +29,6 @@ from rans.files import write_json
 from rans.model.spacecraft_file import load_spacecraft, read_spacecraft
 from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
-from rans.tasks import GoToPose
 from tests.support.graphs import model_of, step
 from tests.support.processes import ROOT
 from tests.support.reader_questions import (

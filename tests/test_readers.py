@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.files import (
     open_regular,
     read_bytes,

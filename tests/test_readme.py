@@ -20,6 +20,7 @@ import pytest
 import torch
 
 import rans
+from rans import Conditions, Spacecraft, Timing
 from rans.cli import COMMANDS, _parse
 from rans.display import meanings
 from rans.errors import EXTRAS, ConfigError
@@ -33,10 +34,7 @@ from rans.fast.learn.config import (
 )
 from rans.flight import fly
 from rans.model.fields import map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS
 from rans.scenario import scenarios
 from rans.structure import structure

@@ -14,7 +14,7 @@ from typing import Any, cast
 import gymnasium
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.registry import Registry, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
 from tests.support.processes import printed

@@ -15,12 +15,11 @@ from hypothesis import strategies as st
 from rans_missions.tasks import Dock
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, GoToPose
 from rans.model.fields import leaves
 from rans.model.random import Random, hash4, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Endpoints, scenario, scenarios
-from rans.tasks import GoToPose
 
 SEEDS = [0, 1, -1, 42, 2**31, 2**32, 2**63 - 1, -(2**63), 2**64 - 1, 0x0123456789ABCDEF]
 

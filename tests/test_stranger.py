@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rans
+from rans import GoToPose
 from rans.cli import main
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import trust_option
@@ -19,7 +20,6 @@ from rans.fast.learn.config import TrainConfig
 from rans.model.spacecraft import CommandRange
 from rans.model.spacecraft_file import EFFECTORS, load_spacecraft, to_toml
 from rans.show.tables.listing import spacecraft_listing
-from rans.tasks import GoToPose
 from tests.support.torquer import Torquer
 from validation.study.checks import Skipped
 from validation.study.oracles import oracle_checks

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.fast.learn.config import training
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_text
 from rans.randomization.conditions_file import load_conditions

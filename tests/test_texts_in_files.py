@@ -15,9 +15,9 @@ from typing import Any
 import pytest
 
 import rans
+from rans import RansError
 from rans.cli import main
 from rans.episode import Setup
-from rans.errors import RansError
 from rans.evaluation.fly.tuned import Tuned
 from rans.fast.learn.config import to_table
 from rans.files import write_json

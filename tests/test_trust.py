@@ -14,14 +14,12 @@ from typing import Any
 import pytest
 
 import rans
+from rans import TASKS, ConfigError, GoToPose, trust_files
 from rans.cli import _parse, main
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
-from rans.registry import trust_files
-from rans.tasks import TASKS, GoToPose
 from tests.support.processes import printed
 from tests.support.training import CONFIG
 

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from rans import GoToPose, Timing
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
 from rans.verdict import Failure, FlightAccumulator, kinds_of_failure
 from tests.support.engines import PLATFORM
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.window import PORTS, Served, Window
 from tests.support.processes import PATIENCE
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from rans import TASKS
 from rans.cli import main
-from rans.tasks import TASKS
 from rans.terminal import Terminal
 from validation.commands.benchmark import Benchmark
 from validation.speed.measurement import Measurement

@@ -8,12 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rans import MultiTask
 from rans.cli import main
 from rans.cli.evaluate import Evaluate
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.show.pages.report import report_from_run
-from rans.tasks.multi_task import MultiTask
 from tests.support.training import CONFIG, tiny_trainer
 
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from rans import Conditions
 from rans.cli import main
 from rans.model.spacecraft_file import spacecraft_names
-from rans.randomization.conditions import Conditions
 from rans.tasks import TASKS, GoToPose, gymnasium_ids
 
 

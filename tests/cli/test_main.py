@@ -19,9 +19,8 @@ from xml.etree import ElementTree
 import pytest
 
 import rans_command
-from rans import cli
+from rans import ConfigError, cli
 from rans.cli import main
-from rans.errors import ConfigError
 from rans.files import read_text, write_text
 from tests.support.command_codes import code_of
 

@@ -8,13 +8,12 @@ from pathlib import Path
 import pytest
 
 import rans
-from rans import cli
+from rans import Conditions, ThrusterConditions, cli
 from rans.cli import main
 from rans.cli.train import command_to_train_on
 from rans.errors import ConfigError, checked, meant, meant_file
 from rans.fast.learn.config import training
 from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
-from rans.randomization.conditions import Conditions, ThrusterConditions
 
 
 @pytest.mark.parametrize(

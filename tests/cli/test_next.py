@@ -8,16 +8,14 @@ from dataclasses import replace
 
 import pytest
 
-from rans import cli
+from rans import TASKS, ConfigError, cli
 from rans.cli import COMMANDS
 from rans.cli.list import List
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
-from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.policy.any_craft import authority
-from rans.tasks import TASKS
 from rans.terminal import Terminal
 from validation.commands.validate import Validate
 

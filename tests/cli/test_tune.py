@@ -7,13 +7,12 @@ from typing import Any
 
 import pytest
 
+from rans import TASKS, Timing
 from rans.cli import main
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import simple_controller
 from rans.evaluation.fly.tuned import OWN
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import TASKS
 
 
 @pytest.fixture(autouse=True)

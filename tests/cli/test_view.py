@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans import GoToPose
 from rans.cli import main
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from tests.support.processes import PATIENCE, command
 
 

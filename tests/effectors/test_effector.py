@@ -11,7 +11,7 @@ import torch
 from gymnasium.utils.env_checker import check_env
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, Timing
 from rans.evaluation.compare.bounds import check_certifiable
 from rans.fast.flights import Flights
 from rans.flight import Setup
@@ -19,7 +19,6 @@ from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import CommandRange, can_turn
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.model.timing import Timing
 from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.plant import Plant
 from tests.support.effector_flights import untrained_policy

@@ -11,18 +11,16 @@ import pytest
 import torch
 
 import rans
+from rans import PPOSettings, Spacecraft, Timing
 from rans.deploy.contract import golden
 from rans.deploy.export import write_agent
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import impulses, samples
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
-from rans.fast.learn.config import PPOSettings
 from rans.flight import Setup, fly
 from rans.model.accuracy import chosen
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
 from rans.scenario import scenarios

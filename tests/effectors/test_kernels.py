@@ -9,12 +9,10 @@ import numpy as np
 import pytest
 import torch
 
-from rans.fast.engine import Engine
+from rans import Engine, Spacecraft, Timing
 from rans.fast.flights import Flights
 from rans.flight import Setup
 from rans.model.accuracy import chosen
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.tasks import load_task
 from tests.support.effector_crafts import CUBESAT, LANDER, commands

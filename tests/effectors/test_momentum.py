@@ -9,8 +9,8 @@ import pytest
 import torch
 
 import rans
+from rans import Timing
 from rans.model.actuators import Propellant
-from rans.model.timing import Timing
 from tests.support.effector_crafts import platform
 
 

@@ -9,12 +9,10 @@ import pytest
 import torch
 
 import rans
-from rans.errors import ConfigError
+from rans import BodyConditions, Conditions, ConfigError, Timing
 from rans.model.accuracy import chosen
 from rans.model.actuators import Propellant
 from rans.model.body import Body
-from rans.model.timing import Timing
-from rans.randomization.conditions import BodyConditions, Conditions
 from tests.support.effector_crafts import BURNING, LANDER, commands
 
 LIGHT = replace(BURNING, propellant=Propellant(3.0, 0.5))

@@ -9,9 +9,9 @@ import numpy as np
 import torch
 
 import rans
+from rans import Timing
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import State
-from rans.model.timing import Timing
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition
 from tests.support.effector_crafts import LANDER

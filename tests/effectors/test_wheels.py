@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from rans.model.spacecraft import Spacecraft
+from rans import Spacecraft
 from tests.support.effector_crafts import CUBESAT, WHEELED
 
 

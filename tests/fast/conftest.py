@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 import pytest
 import torch
 
-from rans.fast.engine import Engine
+from rans import Engine
 from tests.support.engines import torch_engine
 
 

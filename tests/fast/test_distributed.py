@@ -15,19 +15,17 @@ from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
 from torch.multiprocessing.spawn import start_processes
 
+from rans import TASKS, Engine, Timing
 from rans.cli import main
 from rans.episode import Setup
 from rans.errors import WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
-from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of, begin, statistics
 from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.policy.network import Network
-from rans.tasks import TASKS
 from tests.support.command_runs import tiny
 from tests.support.engines import NEAR, PLATFORM, SHORT
 from tests.support.processes import PATIENCE, free_port, python

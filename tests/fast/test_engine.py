@@ -8,12 +8,9 @@ import numpy as np
 import pytest
 import torch
 
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
+from rans import ConfigError, Engine, Spacecraft, Timing
 from rans.model.body import Body
 from rans.model.fields import Vec2
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
 from rans.tasks.observation_terms import VectorInW

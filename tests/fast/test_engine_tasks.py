@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from rans.errors import ConfigError
+from rans import ConfigError, Spacecraft
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity, observation
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, by_turns, run

@@ -10,22 +10,19 @@ import numpy as np
 import pytest
 import torch
 
+from rans import GoToPose, Spacecraft, Timing, run_on
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure import metrics
-from rans.executors import run_on
 from rans.fast import flights as module
 from rans.fast.flights import Flights
 from rans.fast.stepping.step import Backend
 from rans.flight_statistics import QUANTITIES, FlightStatistics
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.policy.any_craft import for_craft
 from rans.policy.network import Network
-from rans.tasks import GoToPose
 from rans.verdict import Failure
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.kernel_flights import WIDE, policy, setup

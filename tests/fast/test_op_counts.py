@@ -14,7 +14,7 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from rans.fast.engine import Engine
+from rans import Engine
 from rans.fast.learn.ppo import PPOLearner
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
 from tests.support.training import tiny_learner

@@ -15,15 +15,13 @@ import torch
 from torch import Tensor
 
 import rans
+from rans import Engine, GoToPose, Timing
 from rans.episode import Setup
-from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.beginning import statistics
 from rans.fast.learn.config import MemorySettings
 from rans.model.fields import Field, leaves
-from rans.model.timing import Timing
 from rans.model.trace import Symbol
-from rans.tasks import GoToPose
 from rans.tasks.rewards import Transition
 from tests.support.draws import FLYER, PLATFORM
 from tests.support.training import learner_on

@@ -11,8 +11,7 @@ import stable_baselines3
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from rans.fast.engine import Engine
-from rans.fast.envs.sb3 import SB3VecEnv
+from rans import Engine, SB3VecEnv
 from rans.fast.learn.config import MemorySettings
 from rans.fast.policy import policy_kwargs, write_policy
 from rans.policy.architecture import Architecture

@@ -11,20 +11,21 @@ import numpy as np
 import pytest
 import torch
 
-from rans.episode import Setup, World
-from rans.fast.engine import Engine
-from rans.model.accuracy import MOST, chosen, fastest, spin_up
-from rans.model.body import Body
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
+from rans import (
     Conditions,
     DisturbanceConditions,
+    Engine,
     FaultConditions,
+    GoToPose,
+    Spacecraft,
+    Thruster,
     ThrusterConditions,
+    Timing,
 )
-from rans.tasks import GoToPose
+from rans.episode import Setup, World
+from rans.model.accuracy import MOST, chosen, fastest, spin_up
+from rans.model.body import Body
+from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 FLYER = load_spacecraft("free-flyer")

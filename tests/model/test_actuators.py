@@ -8,9 +8,9 @@ import gymnasium
 import numpy as np
 import pytest
 
+from rans import Spacecraft
 from rans.effectors.commands import action_space
 from rans.model.actuators import ON_OFF, OnOff, Pulsed, Throttle
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import parse_spacecraft
 
 FILE = """

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rans import Timing
 from rans.effectors.motion import held
 from rans.model.actuators import Pulsed
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.reference.plant import Plant
 from tests.support.states import planar
 

@@ -9,11 +9,8 @@ import numpy as np
 import pytest
 import torch
 
-from rans.fast.engine import Engine
+from rans import Engine, GoToPose, SensorConditions, Spacecraft
 from rans.model.body import Body
-from rans.model.spacecraft import Spacecraft
-from rans.randomization.conditions import SensorConditions
-from rans.tasks import GoToPose
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)

@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import pytest
 
+from rans import Spacecraft
 from rans.model.body import Body
 from rans.model.dynamics import thrust
-from rans.model.spacecraft import Spacecraft
 
 
 def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft: Spacecraft) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rans import Spacecraft
 from rans.model.actuators import Wheel
 from rans.model.joined import joined
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
+from rans import Thruster
 from rans.model.pace import misfits, seconds_for_a_metre
-from rans.model.spacecraft import Thruster
 from tests.support.engines import PLATFORM
 
 

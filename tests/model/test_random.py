@@ -9,7 +9,7 @@ import pytest
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.random import Random, generator, seed_words
 
 FALSE_ALARM = 1e-6

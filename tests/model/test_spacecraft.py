@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.dynamics import wrench
 from rans.model.joined import joined
 from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction

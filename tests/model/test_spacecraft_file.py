@@ -10,8 +10,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 
-from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft, Thruster
+from rans import ConfigError, Spacecraft, Thruster
 from rans.model.spacecraft_file import (
     load_spacecraft,
     parse_spacecraft,

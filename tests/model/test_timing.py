@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rans.model.timing import Timing
+from rans import Timing
 
 
 @pytest.mark.parametrize("steps", [1, 3, 4, 125])

@@ -7,13 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans import TASKS, Engine, GoToPose, Spacecraft
 from rans.compile.step_program import StepProgram, trace_step
-from rans.fast.engine import Engine
 from rans.model.fields import absolute, at_least, cos, where, wrap
 from rans.model.random import hash4
-from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, Untraceable, ordered, substituted
-from rans.tasks import TASKS, GoToPose
 from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import FLYER, PLATFORM
 

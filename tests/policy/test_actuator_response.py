@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
+from rans import TASKS, BodyConditions, Conditions, Spacecraft, ThrusterConditions
 from rans.episode import Setup, World
-from rans.model.spacecraft import Spacecraft
 from rans.policy.actuator_response import Response
 from rans.policy.filter_bank import Filters
-from rans.randomization.conditions import BodyConditions, Conditions, ThrusterConditions
-from rans.tasks import TASKS
 from rans.tasks.derived import layout
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.filter_flights import COUNT, TIMING, commands, followed

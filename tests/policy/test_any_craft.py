@@ -11,12 +11,11 @@ import pytest
 import torch
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, Spacecraft, Thruster
 from rans.evaluation.fly.any_craft import for_spacecraft
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.policy.any_craft import authority, farthest, for_craft, without
 from rans.policy.authority import Authority, braking_distance, nearer

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 
 from campaigns.robustness import rows
+from rans import TASKS, ConfigError, GoToPose, Spacecraft
 from rans.episode import Setup, World, step
-from rans.errors import ConfigError
-from rans.model.spacecraft import Spacecraft
 from rans.scenario import draws, scenarios
-from rans.tasks import TASKS, GoToPose
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW

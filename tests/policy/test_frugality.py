@@ -13,7 +13,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
+from rans import GoToPose, Spacecraft
 from rans.model.fields import Heading, Quat
-from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import layout
 from tests.support.engines import FLYER, PLATFORM

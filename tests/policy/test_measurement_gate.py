@@ -8,13 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans import GoToPose, Spacecraft, Timing
 from rans.episode import Setup, World, step
 from rans.fast.learn.config import FilterSettings
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.policy.architecture import Architecture
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import AngularVelocity, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts

@@ -9,12 +9,11 @@ import pytest
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine
+from rans import Engine, GoToPose
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
-from rans.tasks import GoToPose
 from rans.tasks.derived import layout
 from tests.support.engines import PLATFORM
 from tests.support.training import seen

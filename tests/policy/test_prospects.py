@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError, Spacecraft, Thruster
 from rans.model.actuators import Pulsed
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.prospects import Prospect, slips, spared
 

@@ -11,11 +11,11 @@ from rans_missions.tasks.avoid import Zones
 from scipy.spatial.transform import Rotation
 from torch import Tensor
 
+from rans import Spacecraft
 from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.model.actuators import Propellant
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.model.spacecraft import Spacecraft
 from rans.policy.symmetry import Symmetries, symmetries
 from rans.tasks import TASKS, MultiTask, observation
 from rans.tasks.go_to_pose_priced import DrawnTradeOff

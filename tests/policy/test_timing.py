@@ -10,15 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError, RansWarning
+from rans import TASKS, ConfigError, RansWarning, Spacecraft, Thruster, Timing
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.config import training
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.model.timing import Timing
 from rans.policy.timing import timing_for, timing_of_file
-from rans.tasks import TASKS
 
 PLATFORM = load_spacecraft("floating-platform")
 

@@ -7,22 +7,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rans.episode import Episode, Setup, World
-from rans.model.fields import leaves
-from rans.model.random import Draws
-from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import (
+from rans import (
     BodyConditions,
     Conditions,
+    GoToPose,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
 )
+from rans.episode import Episode, Setup, World
+from rans.model.fields import leaves
+from rans.model.random import Draws
+from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import BodyConditions as Body
 from rans.randomization.conditions import FaultConditions as Faults
 from rans.randomization.conditions import ThrusterConditions as Thrusters
 from rans.randomization.parameters import EpisodeParameters
-from rans.tasks import GoToPose
 
 
 def test_how_long_a_command_is_felt() -> None:

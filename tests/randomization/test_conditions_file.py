@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rans.errors import ConfigError
-from rans.randomization.conditions import Conditions, ThrusterConditions
+from rans import Conditions, ConfigError, ThrusterConditions
 from rans.randomization.conditions_file import CONDITIONS, conditions_text, load_conditions
 from tests.support.worlds import EFFECTS
 

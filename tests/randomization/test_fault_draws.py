@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rans import Conditions, ConfigError, FaultConditions, ThrusterConditions
 from rans.episode import Episode, Setup, World
-from rans.errors import ConfigError
 from rans.model.body import Body
-from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.randomization.faults import fault_sets
 from rans.randomization.parameters import draw
 from rans.scenario import draws

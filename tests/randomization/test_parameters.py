@@ -11,13 +11,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from rans import BodyConditions, Conditions, DisturbanceConditions, ThrusterConditions
 from rans.model.fields import leaves
-from rans.randomization.conditions import (
-    BodyConditions,
-    Conditions,
-    DisturbanceConditions,
-    ThrusterConditions,
-)
 from rans.randomization.parameters import _STREAMS, EpisodeParameters
 from rans.scenario import scenarios
 from rans.structure import structure

@@ -14,21 +14,21 @@ from rans_assurance.stress.effects import applicable_effects
 from rans_robot.functions import twin
 
 import rans
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
-from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
+from rans import (
     BodyConditions,
     Conditions,
+    ConfigError,
     DisturbanceConditions,
+    Engine,
+    GoToPose,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
+    Timing,
 )
+from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
 from rans.randomization.conditions_file import CONDITIONS
 from rans.randomization.plausible import implausible
-from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM
 
 

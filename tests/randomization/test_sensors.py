@@ -10,11 +10,10 @@ import numpy as np
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from rans import Conditions, SensorConditions, SensorsConditions, Timing
 from rans.episode import Episode, World, step
 from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, SensorConditions, SensorsConditions
 from tests.support.draws import BOTH, COUNT, LIKELY, begun
 
 

@@ -8,12 +8,11 @@ from typing import Any
 
 import pytest
 
+from rans import Spacecraft, Thruster, Timing
 from rans.effectors.motion import held
 from rans.model.actuators import Pulsed
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, Wrench
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.timing import Timing
 from rans.randomization.valves import Lag, pieces
 from tests.support.states import planar
 

@@ -11,12 +11,10 @@ import numpy as np
 import pytest
 import torch
 
+from rans import Conditions, Spacecraft, ThrusterConditions, Timing
 from rans.flight import Flight, fly
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine

@@ -9,13 +9,18 @@ import numpy as np
 import pytest
 import torch
 
-from rans.fast.engine import Engine
+from rans import (
+    Conditions,
+    Engine,
+    FaultConditions,
+    Spacecraft,
+    Thruster,
+    ThrusterConditions,
+    Timing,
+)
 from rans.flight import fly
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft, Thruster
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.played import Played

@@ -11,11 +11,10 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
+from rans import Spacecraft, Timing
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.reference.flight import (
     DrakeEnv,
     DrakeMover,

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans import Spacecraft, Thruster
 from rans.model.actuators import ON_OFF
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.reference.plant import Plant
 from validation.study.checks import Check
 from validation.study.dynamics import (

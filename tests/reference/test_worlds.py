@@ -11,13 +11,12 @@ import numpy as np
 import pytest
 import torch
 
+from rans import Spacecraft, Timing
 from rans.effectors.motion import held
 from rans.model.actuators import Actuators, OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, FreeFlight, UniformGravity
 from rans.model.fields import leaves, map_leaves, unflatten
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
 from tests.support.crafts import nasty_planar, nasty_spatial, random_states

@@ -19,11 +19,10 @@ from rans_bounds.plane.lattice import Lattice
 from rans_bounds.problem import SearchEffort
 from rans_bounds.starts import Question, bound
 
-from rans.errors import ConfigError
+from rans import ConfigError, Spacecraft, Thruster
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, thrust, wrench
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.scenario import Scenario
 from tests.support.states import spatial
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
+from rans import GoToPose, Timing
 from rans.evaluation.compare.contest import Contest
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
 
 IDLE = "python:tests.support.policies:idle"
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()

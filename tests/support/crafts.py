@@ -10,12 +10,11 @@ import numpy as np
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from rans import TASKS, Spacecraft, Thruster
 from rans.model.actuators import Throttle
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import spacecraft_names
-from rans.tasks import TASKS
 from tests.support.states import spatial
 
 OWN_CRAFT = {name: TASKS[name].spacecraft for name in TASKS if TASKS[name].spacecraft}

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from rans.errors import RansError
+from rans import RansError
 
 
 def damaged(content: bytes, chance: random.Random) -> bytes:

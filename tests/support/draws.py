@@ -6,12 +6,11 @@ from typing import Any
 
 import pytest
 
+from rans import Conditions, GoToPose
 from rans.episode import Episode, Setup, World
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from rans import Spacecraft
 from rans.model.actuators import Propellant, Throttle, Wheel
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "spacecraft"

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import rans
+from rans import PPOSettings, Spacecraft
 from rans.fast.learn.beginning import architecture_of
-from rans.fast.learn.config import PPOSettings
 from rans.model.actuators import Propellant
-from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
 from tests.support.effector_crafts import BURNING, CUBESAT, LANDER, WHEELED, commands
 from tests.support.played import Played

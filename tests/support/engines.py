@@ -9,12 +9,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from rans.fast.engine import Engine
+from rans import Engine, GoToPose, Spacecraft, Timing
 from rans.fast.stepping.step import Step
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

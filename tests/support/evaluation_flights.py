@@ -8,12 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from rans import GoToPose, Timing
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
 
 GOAL_HEADING = math.radians(175.0)
 """Errors of more than 5 degrees cross the jump of the heading from 180 to -180 degrees."""

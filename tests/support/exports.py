@@ -11,12 +11,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans import PPOSettings
 from rans.deploy.contract import recorded
 from rans.deploy.export import Form, write_agent
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
-from rans.fast.learn.config import PPOSettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.heads import OnOff
 from rans.policy.network import Network

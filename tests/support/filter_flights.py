@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rans import Spacecraft, Timing
 from rans.episode import Episode, World, step
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.policy.filter_bank import Filters
 from rans.policy.kalman_filter import Filter
 from rans.scenario import draws, scenarios

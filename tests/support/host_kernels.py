@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import torch
 
-from rans.fast.engine import Engine
+from rans import Engine
 from rans.fast.stepping.kernel import Kernel
 from rans.fast.stepping.step import Step
 from tests.support.engines import actions

@@ -7,14 +7,11 @@ from typing import Any
 
 import torch
 
+from rans import Conditions, GoToPose, Spacecraft, Timing
 from rans.episode import Setup
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.policy.symmetry import symmetries
-from rans.randomization.conditions import Conditions
-from rans.tasks import GoToPose
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
 from tests.support.training import scatter

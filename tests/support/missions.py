@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rans import GoToPose
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vec2, where
-from rans.tasks import GoToPose
 
 
 @dataclass(frozen=True)

@@ -21,11 +21,11 @@ import validation.study.engines
 import validation.study.flights
 import validation.study.oracles
 import validation.study.sampling
+from rans import Spacecraft
 from rans.episode import World
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, Wrench
 from rans.model.fields import Quat
-from rans.model.spacecraft import Spacecraft
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 Patch = Callable[[pytest.MonkeyPatch], None]

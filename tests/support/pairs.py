@@ -12,6 +12,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 import rans
+from rans import (
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    GoToPose,
+    ThrusterConditions,
+    Timing,
+)
 from rans.flight import Flight, fly
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.body import Body
@@ -19,18 +28,9 @@ from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
 from rans.model.fields import unflatten
 from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft, Store, Thruster, controls_every_direction
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
-    BodyConditions,
-    Conditions,
-    DisturbanceConditions,
-    FaultConditions,
-    ThrusterConditions,
-)
 from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
-from rans.tasks import GoToPose
 from tests.support.pair_oracle import Oracle
 from tests.support.played import Played
 from validation.study.sampling import Restless, gaps

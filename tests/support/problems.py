@@ -9,11 +9,10 @@ from typing import Any
 
 from scipy.spatial.transform import Rotation
 
+from rans import Spacecraft, Timing
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import Objective
 from rans.optimal.trajectory.transcription import Trajectory, Transcription
 from rans.reference.flight import replay

@@ -7,14 +7,10 @@ from typing import Any
 import numpy as np
 import torch
 
-from rans.fast.engine import Engine
+from rans import Conditions, Engine, GoToPose, Spacecraft, Timing
 from rans.flight import Flight, fly
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)

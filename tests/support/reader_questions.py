@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import pytest
 
 import rans
-from rans.errors import RansError
+from rans import RansError
 
 QUESTIONS = {
     "units": "Is the unit of each number stated or implied, and one that is stated compared?",

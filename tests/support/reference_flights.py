@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from rans import Timing
 from rans.flight import Flight
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.tasks import Task, TrackVelocityHeading
 
 FLYER = load_spacecraft("free-flyer")

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import rans
+from rans import Spacecraft
 from rans.drawing import columns, rotations
-from rans.model.spacecraft import Spacecraft
 
 SLOSH = rans.Slosh(1.064, 0.06, (0.05, 0.03, 0.0), (-0.6, 0.8, 0.0), 0.002)
 SLOSHING = replace(

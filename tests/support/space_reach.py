@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from rans import Spacecraft, Thruster
 from rans.model.dynamics import SpatialState
 from rans.model.fields import leaves
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.states import spatial
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from functools import reduce
 from operator import add
 
+from rans import GoToPose
 from rans.model.fields import Field, absolute
-from rans.tasks import GoToPose
 from rans.tasks.rewards import Transition, is_used
 
 

@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from rans_bounds.goal_set import GoalSet
 
+from rans import Spacecraft, Thruster
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Vec2, leaves, unflatten
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 
 PERIOD = 0.2

@@ -18,9 +18,8 @@ from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.policies import ActorCriticPolicy
 from torch import Tensor
 
+from rans import Engine, SB3VecEnv
 from rans.fast.agent_files.agent import read_policy
-from rans.fast.engine import Engine
-from rans.fast.envs.sb3 import SB3VecEnv
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
 from rans.fast.learn.ppo import PPOLearner

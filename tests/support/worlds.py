@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rans.randomization.conditions import (
+from rans import (
     BodyConditions,
     Conditions,
     DisturbanceConditions,

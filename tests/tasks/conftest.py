@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.model.spacecraft import Spacecraft
+from rans import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask

@@ -12,11 +12,10 @@ import pytest
 from rans_missions.tasks import Avoid, Dock, DockPort
 from rans_missions.tasks.orbital import TargetOrbit
 
+from rans import ConfigError, Spacecraft
 from rans.display import meanings
-from rans.errors import ConfigError
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Random
-from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
 from rans.tasks import (
     TASKS,

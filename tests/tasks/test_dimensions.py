@@ -11,8 +11,8 @@ import gymnasium
 import pytest
 
 import rans
+from rans import ConfigError
 from rans.cli import main
-from rans.errors import ConfigError
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2

@@ -11,13 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
+from rans import ConfigError, Engine, GoToPose, GoToPosition, Timing
 from rans.model.pace import misfits, seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.spacecraft_file import SPACECRAFT
-from rans.model.timing import Timing
-from rans.tasks import GoToPose, GoToPosition
 from rans.tasks.feasible import warn_of_obstacles
 from tests.support.engines import PLATFORM
 from tests.support.training import CONFIG, tiny_trainer

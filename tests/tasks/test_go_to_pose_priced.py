@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
+from rans import GoToPosition, TrackVelocity
 from rans.model.fields import Vec2
-from rans.tasks import GoToPosition, TrackVelocity
 from rans.tasks.goal_set import arrived
 from tests.support.evaluation_flights import flight_of
 

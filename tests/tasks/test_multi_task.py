@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans import Spacecraft
 from rans.model.fields import leaves, map_leaves, unflatten
-from rans.model.spacecraft import Spacecraft
 from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose, MultiTask, TrackVelocity, observation
 from rans.tasks.rewards import Transition

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, Timing
 from rans.evaluation.measure.agreement import compare_engines
 from rans.evaluation.measure.metrics import samples
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks.quantities import QUANTITIES, Quantity, declare
 

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from rans_missions.tasks.avoid import Zones
 
-from rans.errors import ConfigError
+from rans import ConfigError, Timing
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.tasks import TASKS, GoToPosePriced, SingleTask
 from rans.tasks.rewards import Transition, nearness
 from tests.support.crafts import ANY_CRAFT

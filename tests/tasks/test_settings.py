@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from rans.errors import ConfigError
-from rans.tasks import GoToPose, MultiTask
+from rans import ConfigError, GoToPose, MultiTask
 from rans.tasks.settings import check_settings, map_settings
 
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from rans import TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.tasks import TrackTwist, TrackVelocity, TrackVelocityHeading
 from rans.tasks.rewards import Transition
 from tests.support.states import planar, spatial
 

@@ -8,13 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans import TASKS, GoToPose, Timing
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.user_policy import user_policy
-from rans.model.timing import Timing
 from rans.show.tables.comparison_tables import gap_table, gaps
-from rans.tasks import TASKS, GoToPose
 from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 

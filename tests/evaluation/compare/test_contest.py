@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 from rans_bounds.starts import goal_set
 
-from rans.errors import ConfigError
+from rans import LQR, ConfigError, GoToPose, Timing
 from rans.evaluation.compare.bounds import Amounts, Event
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
-from rans.tasks import GoToPose
 from rans.tasks.goal_set import arrived
 from tests.support.evaluation_flights import flight_of
 from tests.support.states import planar

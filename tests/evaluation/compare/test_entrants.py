@@ -8,14 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError, GoToPose, Timing
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist, simple_controller
 from rans.evaluation.fly import contestant_name
-from rans.model.timing import Timing
 from rans.scenario import EVALUATION_SEED
-from rans.tasks import GoToPose
 
 IDLE = "python:tests.support.policies:idle"
 

@@ -10,17 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rans import GoToPose, Timing
 from rans.evaluation.compare import optima
 from rans.evaluation.measure.metrics import settling_times
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.optimal.trajectory.transcription import Trajectory
 from rans.reference.flight import replay
 from rans.scenario import Scenario, each, scenarios
-from rans.tasks import GoToPose
 from tests.support.missions import Pass
 
 PLATFORM = load_spacecraft("floating-platform")

@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans import GoToPose, Timing
 from rans.evaluation.compare import relaxed
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.optima import Optimum, episode, optima
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.scenario import each
-from rans.tasks import GoToPose
 
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
 CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=40), 4, 2)

@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from rans_bounds.problem import SearchEffort
 
-from rans.errors import ConfigError
+from rans import ConfigError, Timing
 from rans.evaluation.compare import relaxed
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import TYPICAL, Comparison, _find_relaxed
 from rans.flight import fly
-from rans.model.timing import Timing
 from rans.optimal.trajectory.objectives import MaximumReward
 from rans.progress import unseen_stages
 from rans.show.pages.comparison_page import page

@@ -8,19 +8,16 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
+from rans import LQR, ConfigError, GoToPose, Timing
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.tuning import cost, tuned_settings
 from rans.evaluation.fly.tuned import arguments
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.randomization.conditions_file import load_conditions
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, SELECTION_SEED, TUNING_SEED
-from rans.tasks import GoToPose
 
 HERE = "tests.evaluation.compare.test_tuning"
 SETUP = Setup(

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from rans import GoToPose, Timing
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import enlisted
@@ -15,8 +16,6 @@ from rans.evaluation.compare.run import Comparison
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
 from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 

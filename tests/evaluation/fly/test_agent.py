@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from rans.api.names import load_conditions
-from rans.errors import RansWarning
+from rans import RansWarning, load_conditions
 from rans.evaluation.fly import choice
 from rans.evaluation.fly.agent import LoadedRun, load_policy
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.fly.contestant_name import ContestantName
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import rans.pretrained
-from rans.errors import ConfigError, RansWarning
+from rans import ConfigError, GoToPose, MultiTask, RansWarning, TrackVelocity
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import (
     contestant,
@@ -18,8 +18,6 @@ from rans.evaluation.fly.protocols import fitting_protocols
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, TrackVelocity
-from rans.tasks.multi_task import MultiTask
 from tests.support.training import CONFIG, tiny_trainer
 
 

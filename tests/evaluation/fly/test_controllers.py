@@ -15,6 +15,7 @@ from gymnasium.spaces import Box, MultiBinary, MultiDiscrete
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
+from rans import Spacecraft, Timing
 from rans.episode import Setup
 from rans.errors import ConfigError, MissingPackage
 from rans.evaluation.fly.contestant_name import ContestantName
@@ -25,9 +26,7 @@ from rans.evaluation.fly.foreign_policy import OnnxPolicy
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.policy_text import is_user_policy
 from rans.evaluation.fly.user_policy import user_policy
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.registry import typed
 from rans.tasks import GoToPose, Task
 from tests.support.strangers import trapped_weights

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from rans_missions.tasks import Avoid, DockPort
 
+from rans import Timing
 from rans.episode import Setup
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 
 
 @dataclass

@@ -11,8 +11,8 @@ import onnx
 import pytest
 
 import rans
+from rans import ConfigError
 from rans.deploy.export import write_export
-from rans.errors import ConfigError
 from rans.pretrained import pretrained_folder
 
 

@@ -16,12 +16,11 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, GoToPose
 from rans.evaluation.fly.foreign_policy import OnnxPolicy, policy_of
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import GoToPose
 from tests.support.graphs import model_of
 from tests.support.graphs import step as node
 

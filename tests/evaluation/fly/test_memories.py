@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 
 import rans
+from rans import TASKS, ConfigError
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.flight import Controller
-from rans.tasks import TASKS
 
 SEEDS = 1, 2
 PERIODS = 12

@@ -13,12 +13,10 @@ from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, GoToPose, Spacecraft
 from rans.evaluation.fly.foreign_policy import policy_of
 from rans.evaluation.fly.user_policy import user_policy
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.tasks import GoToPose
 
 CRAFT = load_spacecraft("floating-platform")
 THROTTLED = load_spacecraft(str(Path("examples/trainers/throttled-platform.toml")))

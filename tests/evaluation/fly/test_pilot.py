@@ -9,12 +9,11 @@ import gymnasium
 import numpy as np
 import pytest
 
+from rans import ConfigError, Pilot
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.make_controller import controller
-from rans.evaluation.fly.pilot import Pilot
 from rans.flight import fly
 from rans.pretrained import pretrained_folder
 from rans.scenario import scenarios

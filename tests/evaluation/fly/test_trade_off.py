@@ -7,12 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans import GoToPose, GoToPosePriced
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.contestants import contestant
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, GoToPosePriced
 from tests.support.training import CONFIG, tiny_trainer
 
 

@@ -9,17 +9,14 @@ from typing import Any
 
 import pytest
 
+from rans import LQR, TASKS, ConfigError, GoToPose, Timing
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import OWN, SHIPPED, Tuned, arguments, defaults, file_name, tuned
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import Deadband, Weights
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import TUNING_SEED
-from rans.tasks import TASKS, GoToPose
 
 SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing())
 FILES = sorted(SHIPPED.glob("*.json"))

@@ -20,9 +20,8 @@ import stable_baselines3
 import torch
 from stable_baselines3.common.save_util import load_from_zip_file
 
-from rans import archives
+from rans import ConfigError, archives
 from rans.deploy.export import write_agent
-from rans.errors import ConfigError
 from rans.fast.agent_files import tensors as tensor_file
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors

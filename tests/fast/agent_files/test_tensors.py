@@ -11,7 +11,7 @@ import pytest
 import torch
 from safetensors.torch import save
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.fast.agent_files.tensors import _checksum, pack_tensors, unpack_tensors
 
 

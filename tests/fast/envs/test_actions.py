@@ -11,8 +11,8 @@ import torch
 from torch import Tensor
 
 import rans
+from rans import ConfigError
 from rans.environment import dense
-from rans.errors import ConfigError
 
 COUNT = 3
 ODD: dict[str, Callable[[Tensor], Tensor]] = {

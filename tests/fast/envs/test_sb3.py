@@ -9,9 +9,7 @@ import torch
 from stable_baselines3.common.monitor import Monitor
 
 import rans
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
-from rans.fast.envs.sb3 import SB3VecEnv
+from rans import ConfigError, Engine, SB3VecEnv
 from tests.support.engines import NEAR, PLATFORM, SHORT, actions, both_crafts
 
 LENIENT = dataclasses.replace(NEAR, position_tolerance=9.0, attitude_tolerance=9.0)

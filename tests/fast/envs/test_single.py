@@ -14,11 +14,9 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import rans
-from rans.errors import ConfigError
-from rans.fast.envs.single import SpacecraftEnv
+from rans import ConfigError, SpacecraftEnv, Timing
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, gymnasium_ids, observation
 from tests.support.crafts import ANY_CRAFT

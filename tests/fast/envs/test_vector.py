@@ -10,11 +10,8 @@ import torch
 from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
+from rans import ConfigError, Engine, SB3VecEnv, SpacecraftVectorEnv
 from rans.environment import observation_space
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
-from rans.fast.envs.sb3 import SB3VecEnv
-from rans.fast.envs.vector import SpacecraftVectorEnv
 from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.engines import NEAR, SHORT, actions
 

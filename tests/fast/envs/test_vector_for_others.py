@@ -14,8 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
 import rans
-from rans.errors import ConfigError
-from rans.fast.envs.vector import SpacecraftVectorEnv
+from rans import ConfigError, SpacecraftVectorEnv
 from tests.support.engines import NEAR, SHORT
 
 PLANE = "rans/GoToPose2D-v0"

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 import torch
 
+from rans import ConfigError
 from rans.api.training import from_any_craft
-from rans.errors import ConfigError
 from rans.evaluation.fly import choice
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn import any_craft, graph

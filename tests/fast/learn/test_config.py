@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
+from rans import TASKS, ConfigError, GoToPose, Timing
 from rans.fast.learn.config import (
     PPOSettings,
     TrainConfig,
@@ -20,8 +20,6 @@ from rans.fast.learn.config import (
     preset,
     to_table,
 )
-from rans.model.timing import Timing
-from rans.tasks import TASKS, GoToPose
 from tests.support.training import CONFIG
 
 

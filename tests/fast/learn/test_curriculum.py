@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from rans.fast.engine import Engine
+from rans import Engine, GoToPose, MultiTask
 from rans.fast.learn.curriculum import Curriculum, Ramp, check_ramps
-from rans.tasks import GoToPose, MultiTask
 from tests.support.engines import PLATFORM, SHORT, way_to_go
 from tests.support.training import CONFIG, tiny_trainer
 

@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import Head
 from rans.fast.learn.trainer import Trainer

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from rans import TASKS, GoToPose
 from rans.fast.learn.config import (
     RECIPES,
     MemorySettings,
@@ -20,7 +21,6 @@ from rans.fast.learn.curriculum import Ramp
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
 from rans.randomization.conditions_file import load_conditions
-from rans.tasks import TASKS, GoToPose
 
 
 @pytest.mark.parametrize("name", RECIPES)

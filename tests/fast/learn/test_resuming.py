@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.fast.learn.run_folder import RunFolder

@@ -10,9 +10,9 @@ from typing import Any, ClassVar
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
+from rans import Engine, GoToPosition, Timing
 from rans.episode import Setup
 from rans.errors import NonFiniteState
-from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig
@@ -21,9 +21,7 @@ from rans.fast.learn.trainer import Trainer
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.model.timing import Timing
 from rans.show.progress import describe
-from rans.tasks import GoToPosition
 from rans.tasks.rewards import Transition
 from tests.support.engines import PLATFORM
 from tests.support.training import TINY

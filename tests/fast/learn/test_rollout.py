@@ -9,7 +9,7 @@ import torch
 from stable_baselines3.common.callbacks import ConvertCallback
 from torch import Tensor
 
-from rans.fast.engine import Engine
+from rans import Engine
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, minibatches, remember

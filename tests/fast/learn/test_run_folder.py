@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 import torch
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.files import LOCK, write_text
 from tests.support.training import CONFIG

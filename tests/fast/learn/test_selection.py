@@ -7,14 +7,13 @@ import numpy as np
 import pytest
 import torch
 
+from rans import GoToPose, MultiTask, Timing, TrackTwist
 from rans.evaluation.fly.agent import Agent
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.selection import EPISODES, Selection
 from rans.flight import Flight, fly
-from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.scenario import SELECTION_SEED, scenarios
-from rans.tasks import GoToPose, MultiTask, TrackTwist
 from tests.support.engines import PLATFORM, SHORT, both_crafts
 from tests.support.missions import Pass
 from tests.support.training import scatter, tiny_learner

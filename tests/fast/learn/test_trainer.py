@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import torch
 
+from rans import GoToPose, Timing
 from rans.errors import ConfigError, NonFiniteState
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.make_controller import guard_of
@@ -22,9 +23,7 @@ from rans.fast.learn.config import (
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.fast.stepping.compiled import ArrayStep
-from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
-from rans.tasks import GoToPose
 from tests.support.engines import PLATFORM, SHORT
 from tests.support.training import (
     CONFIG,

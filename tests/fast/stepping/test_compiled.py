@@ -8,13 +8,9 @@ from typing import Any
 import pytest
 import torch
 
-from rans.fast.engine import Engine
+from rans import TASKS, Conditions, Engine, Spacecraft, ThrusterConditions, Timing
 from rans.fast.stepping.compiled import ArrayStep
 from rans.fast.stepping.step import step_arrays
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, ThrusterConditions
-from rans.tasks import TASKS
 from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions
 from tests.support.host_kernels import compare

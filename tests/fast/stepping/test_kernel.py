@@ -10,19 +10,24 @@ import numpy as np
 import pytest
 import torch
 
+from rans import (
+    TASKS,
+    Conditions,
+    Engine,
+    FaultConditions,
+    GoToPose,
+    Spacecraft,
+    ThrusterConditions,
+    Timing,
+)
 from rans.compile.cuda.launch import CudaError
 from rans.fast.distributed import ALONE, Processes
-from rans.fast.engine import Engine
 from rans.fast.learn.curriculum import Curriculum, Ramp
 from rans.fast.stepping import kernel as step_kernel
 from rans.fast.stepping.kernel import Kernel
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.fields import where
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions, FaultConditions, ThrusterConditions
-from rans.tasks import TASKS, GoToPose
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 from tests.support.host_kernels import SEED, TOLERANCE, compare, needs_compiler
 from tests.support.switching import SwitchingGoToPose

@@ -10,11 +10,8 @@ from typing import Any
 import pytest
 import torch
 
-from rans.fast.engine import Engine
-from rans.model.spacecraft import Spacecraft
+from rans import Engine, GoToPose, Spacecraft, Timing
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import GoToPose
 from tests.support import engines
 from tests.support.engines import (
     FLYER,
