@@ -72,7 +72,7 @@ SLOW_EXAMPLES = {
         for one in examples()
     ],
 )
-def test_examples_in_docstrings(example: doctest.DocTest, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_examples_in_docstrings(example, monkeypatch):
     monkeypatch.setenv("RANS_TRUST", "")  # one of them sets it for the rest of the process
     # The first figures of a benchmark, of which all take 40 s.
     monkeypatch.setattr(
@@ -85,7 +85,7 @@ def test_examples_in_docstrings(example: doctest.DocTest, monkeypatch: pytest.Mo
     assert outcome.attempted > 0
 
 
-def test_every_name_at_the_top_has_an_example() -> None:
+def test_every_name_at_the_top_has_an_example():
     """But errors, the tables of names, and the parts of conditions and trainings, which others' show."""
     parts = {
         "BodyConditions",
@@ -107,7 +107,7 @@ def test_every_name_at_the_top_has_an_example() -> None:
     assert wanted <= {part for one in examples() for part in one.name.split(".")}
 
 
-def test_the_top_lists_what_it_has_and_loads_it_when_asked() -> None:
+def test_the_top_lists_what_it_has_and_loads_it_when_asked():
     assert set(rans.__all__) <= set(dir(rans))
     for name in rans.__all__:
         assert getattr(rans, name) is not None
@@ -116,7 +116,7 @@ def test_the_top_lists_what_it_has_and_loads_it_when_asked() -> None:
 
 
 @pytest.mark.parametrize("package", [rans, rans.tasks], ids=lambda package: package.__name__)
-def test_type_checkers_see_what_is_loaded_later(package: Any) -> None:
+def test_type_checkers_see_what_is_loaded_later(package):
     """Both read one block of imports; one without ``as`` is private to type checkers, and would be lost."""
     tree = ast.parse(Path(package.__file__).read_text("utf-8"))
     (block,) = (node for node in tree.body if isinstance(node, ast.If))
@@ -127,7 +127,7 @@ def test_type_checkers_see_what_is_loaded_later(package: Any) -> None:
             assert getattr(package, alias.name) is not None
 
 
-def test_modules_of_the_package_are_there_without_an_import_of_their_own() -> None:
+def test_modules_of_the_package_are_there_without_an_import_of_their_own():
     code = (
         "import rans; rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft('atmos'), 7, 2)"
     )
@@ -144,7 +144,7 @@ SLIDER = [
 ]
 
 
-def test_a_planar_spacecraft_from_two_vectors() -> None:
+def test_a_planar_spacecraft_from_two_vectors():
     craft = rans.Spacecraft.planar("slider", 5.0, 0.1, SLIDER, centre_of_mass=(0.01, 0.0))
     # 1 N along x at y = 0.1 m turns by -0.1 N m; 0.5 N along y at x = -0.01 m from the centre by -0.005.
     assert craft.wrench_map[0] == pytest.approx((1.0, 0.0, -0.1), abs=1e-15)
@@ -153,14 +153,14 @@ def test_a_planar_spacecraft_from_two_vectors() -> None:
     assert rans.Engine(craft, "go-to-pose", 2).observation_width == 10
 
 
-def test_names_do_where_objects_do() -> None:
+def test_names_do_where_objects_do():
     engine = rans.Engine("atmos", "track-velocity", 3, conditions="lab")
     assert (engine.craft, engine.task) == (rans.load_spacecraft("atmos"), rans.TrackVelocity())
     env = gymnasium.make("rans/GoToPose2D-v0", conditions="lab")
     assert env.reset(seed=1)[0].shape == (10,)
 
 
-def test_a_derived_class_hands_its_arguments_on() -> None:
+def test_a_derived_class_hands_its_arguments_on():
     class Playground(rans.SpacecraftVectorEnv):
         def __init__(self, colour: str, **others: Any) -> None:
             super().__init__(2, "go-to-pose", 2, **others)
@@ -171,8 +171,8 @@ def test_a_derived_class_hands_its_arguments_on() -> None:
 
 
 def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     craft = rans.Spacecraft.planar("slider", 5.0, 0.1, SLIDER)
     rows = list[dict[str, Any]]()
     settings = rans.PPOSettings(n_envs=4, n_steps=4, batch_size=8, n_epochs=1, layers=(8,))
@@ -192,7 +192,7 @@ def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
     assert rans.load_spacecraft(again.spacecraft) == craft
 
 
-def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_texts_and_notebooks_show_what_is_there(monkeypatch):
     assert repr(rans.GoToPose(thrust_weight=0.5)) == "GoToPose(thrust_weight=0.5)"
     public = {name: getattr(rans, name) for name in rans.__all__}
     assert eval(repr(rans.load_conditions("lab")), public) == rans.load_conditions("lab")
@@ -213,7 +213,7 @@ def test_texts_and_notebooks_show_what_is_there(monkeypatch: pytest.MonkeyPatch)
     assert f"{found['duty'].value:.3g} %" in found._repr_html_()
 
 
-def test_a_protocol_changes_what_a_loaded_agent_flies_in() -> None:
+def test_a_protocol_changes_what_a_loaded_agent_flies_in():
     """It was left out without a word."""
     agent = rans.load_agent("go-to-pose-2d")
     assert rans.evaluate(agent, episodes=2, protocol="paper").steps == 250  # 50 s at 5 Hz
@@ -221,7 +221,7 @@ def test_a_protocol_changes_what_a_loaded_agent_flies_in() -> None:
 
 
 @pytest.mark.slow
-def test_one_name_beside_is_one_controller() -> None:
+def test_one_name_beside_is_one_controller():
     """Of a text, no letter is one."""
     found = rans.compare("go-to-pose-2d", beside="switching", episodes=2)
     assert [entry.name for entry in found.entries] == ["go-to-pose-2d", "switching"]
@@ -244,7 +244,7 @@ class Coasting:
 
 
 @pytest.mark.slow
-def test_controllers_compete_as_objects_and_by_their_classes() -> None:
+def test_controllers_compete_as_objects_and_by_their_classes():
     """As they are: who is named has its tuned settings instead."""
     craft = rans.load_spacecraft("floating-platform")
     task = rans.GoToPose().for_evaluation()
@@ -265,7 +265,7 @@ def test_controllers_compete_as_objects_and_by_their_classes() -> None:
     )
 
 
-def test_numbers_of_numpy_are_numbers() -> None:
+def test_numbers_of_numpy_are_numbers():
     engine = rans.Engine("atmos", "go-to-pose", np.int64(3), seed=np.int64(5))  # type: ignore[arg-type]
     assert torch.equal(
         engine.reset(np.int64(5)),  # type: ignore[arg-type]

@@ -10,7 +10,6 @@ import stat
 import subprocess
 import sys
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +45,7 @@ LONG = "x" * 200_000
         ("thrust_sharing = ", f'thrust_sharing = "{LONG}"\nnever = ', "characters)."),
     ],
 )
-def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(
-    refused: Any, old: str, new: str, end: str
-) -> None:
+def test_a_long_value_leaves_room_for_the_rest_of_the_sentence(refused, old, new, end):
     text = PLATFORM_TEXT if old in PLATFORM_TEXT else f"{old}\n{PLATFORM_TEXT}"
     changed = text.replace(old, new, 1).replace("never = ", "# ", 1)
     write_text(Path("long.toml"), changed)
@@ -85,25 +82,25 @@ HUGE = "x" * 1_000_000
         "name in a file",
     ],
 )
-def test_sentences_stay_short_however_long_a_name_is(ask: Callable[[str], object]) -> None:
+def test_sentences_stay_short_however_long_a_name_is(ask):
     with pytest.raises(ConfigError) as refused:
         ask(HUGE)
     assert len(str(refused.value)) < 5000
 
 
-def test_what_is_short_is_shown_whole() -> None:
+def test_what_is_short_is_shown_whole():
     assert brief([1, "a"]) == "[1, 'a']"
     assert brief("x" * 200) == "'" + "x" * 79 + " ... (202 characters)"
 
 
-def test_a_spacecraft_of_thousands_of_thrusters(refused: Any) -> None:
+def test_a_spacecraft_of_thousands_of_thrusters(refused):
     head, _, first = PLATFORM_TEXT.partition("[[thruster]]")
     thruster = "[[thruster]]" + first.partition("[[thruster]]")[0]
     write_text(Path("many.toml"), head + thruster * 1001)
     assert "at most 1000 thrusters, got 1001" in refused("list many.toml")
 
 
-def test_nothing_is_put_in_the_place_of_a_device(refused: Any) -> None:
+def test_nothing_is_put_in_the_place_of_a_device(refused):
     """Root may: a drawing saved as /dev/null would have ended it for everybody."""
     os.mkfifo("odd.svg")
     said = refused("list floating-platform --picture odd.svg")
@@ -120,14 +117,14 @@ def test_nothing_is_put_in_the_place_of_a_device(refused: Any) -> None:
         '{"steps": 1, "seconds": 1, "success": 0, "return/position": {}}',
     ],
 )
-def test_metrics_that_say_nothing(trained: Path, refused: Any, row: str) -> None:
+def test_metrics_that_say_nothing(trained, refused, row):
     shutil.copytree(trained, "run")
     Path("run/metrics.jsonl").write_text(row + "\n")
     for command in ("train --resume run", "export run --output agent --force"):
         assert "metrics.jsonl is damaged: line 1" in refused(command)
 
 
-def test_a_task_of_pythons_own_library_is_not_imported(trained: Path, refused: Any) -> None:
+def test_a_task_of_pythons_own_library_is_not_imported(trained, refused):
     """A run folder may name any module as its task; one of these opens a browser when it is imported."""
     shutil.copytree(trained, "run")
     table = json.loads(Path("run/config.json").read_text())
@@ -137,9 +134,7 @@ def test_a_task_of_pythons_own_library_is_not_imported(trained: Path, refused: A
     assert "antigravity" not in sys.modules
 
 
-def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(tmp_path, monkeypatch):
     write_text(tmp_path / "file", "")
     first = Lock(tmp_path / "file")
     second = Lock(tmp_path / "file")
@@ -157,7 +152,7 @@ def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(
     Lock(tmp_path / "file").take("taken")
 
 
-def test_drafts_of_killed_processes_go(tmp_path: Path) -> None:
+def test_drafts_of_killed_processes_go(tmp_path):
     """Not those of the living, nor young ones: another machine's process may be at work."""
     with subprocess.Popen([sys.executable, "-c", ""]) as dead:
         pass
@@ -183,9 +178,7 @@ def test_drafts_of_killed_processes_go(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("distance", [1e2, 1e7])
 @pytest.mark.filterwarnings("default:spacecraft 'floating-platform'. a thruster is:UserWarning")
-def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
-    capsys: pytest.CaptureFixture[str], distance: float
-) -> None:
+def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(capsys, distance):
     head, _, tail = PLATFORM_TEXT.partition("position = [")
     write_text(Path("far.toml"), f"{head}position = [{distance}, {tail.partition(',')[2].lstrip()}")
     assert main(["list", "far.toml"]) == 0
@@ -198,7 +191,7 @@ def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(
     "command",
     ["list \x1b[31m", "optimal go-to-pose --objective \x9b2J", "\x1b[2J"],
 )
-def test_options_do_not_command_the_terminal(refused: Any, command: str) -> None:
+def test_options_do_not_command_the_terminal(refused, command):
     sentence = refused(command)
     assert "has control characters" in sentence
     assert "\x1b" not in sentence

@@ -6,16 +6,12 @@ import sys
 from pathlib import Path
 from types import ModuleType
 
-import pytest
-
 pytest_plugins = ["pytester"]
 
 CONFTEST = Path(__file__).parents[1] / "conftest.py"
 
 
-def test_only_what_lacks_an_optional_library_is_skipped(
-    pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_only_what_lacks_an_optional_library_is_skipped(pytester, monkeypatch):
     """Drake is absent here; CasADi is there without such a module.
 
     A module of RANS that needs Drake raises an error of its own, which stopped the collection of 101 files.

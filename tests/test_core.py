@@ -68,7 +68,7 @@ def said(code: str, *arguments: str, folder: Path) -> tuple[int, str]:
 
 
 @pytest.mark.slow
-def test_notebooks_show_values_with_plots_alone(tmp_path: Path) -> None:
+def test_notebooks_show_values_with_plots_alone(tmp_path):
     """What examples/notebook displays needs no package of optimal control."""
     code = (
         BLOCK
@@ -87,7 +87,7 @@ for value in (rans.load_spacecraft("floating-platform"), agent, agent.evaluate(e
 
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows itself has nothing of POSIX")
 @pytest.mark.slow
-def test_the_core_needs_no_extra_and_nothing_of_posix(tmp_path: Path) -> None:
+def test_the_core_needs_no_extra_and_nothing_of_posix(tmp_path):
     """Training, evaluation, exports, pages, environments, locks, another process and the command's end.
 
     README's commands without any extra are run in `tests.test_extras`.
@@ -180,7 +180,7 @@ MISSING = [
 
 @pytest.mark.slow
 @pytest.mark.parametrize("missing", MISSING, ids=lambda missing: missing[0][0])
-def test_a_missing_package_is_a_sentence(missing: list[tuple[str, str]], tmp_path: Path) -> None:
+def test_a_missing_package_is_a_sentence(missing, tmp_path):
     """A process imports torch for seconds, so that one lacks several modules and runs several commands."""
     hidden = {module for module, _ in missing}
     results = ran([line for _, line in missing], hidden, tmp_path)
@@ -190,7 +190,7 @@ def test_a_missing_package_is_a_sentence(missing: list[tuple[str, str]], tmp_pat
         assert installing(EXTRAS[module]) in " ".join(sentence.split()), line
 
 
-def test_extras_install_what_they_are_for() -> None:
+def test_extras_install_what_they_are_for():
     """The names of modules and of packages differ; every extra of the table is one of pyproject.toml."""
     packages = {
         "PIL": "pillow",
@@ -211,7 +211,7 @@ def test_extras_install_what_they_are_for() -> None:
     assert len(re.findall(r'^  "', core[1], re.MULTILINE)) <= 10
 
 
-def test_what_is_missing_is_an_import_error_too() -> None:
+def test_what_is_missing_is_an_import_error_too():
     assert is_installed("json")
     assert not is_installed("no_such_module")
     assert require("json").dumps([]) == "[]"
@@ -219,9 +219,7 @@ def test_what_is_missing_is_an_import_error_too() -> None:
 
 
 @pytest.mark.parametrize("extra", sorted({*EXTRAS.values()} - {"agents"}))
-def test_what_installs_an_extra_names_no_distribution_of_ours(
-    extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_installs_an_extra_names_no_distribution_of_ours(extra, tmp_path, monkeypatch):
     """From a checkout its path; else third parties alone, as no index has RANS and anybody may take its name."""
     assert installing(extra) == f"pip install -e '{ROOT}[{extra}]'"
     monkeypatch.setattr(rans.errors, "CHECKOUT", tmp_path)

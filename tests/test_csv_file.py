@@ -50,7 +50,7 @@ READERS: dict[str, tuple[Callable[[Path], object], list[str], list[str]]] = {
     ],
     ids=["decimal comma", "short row", "doubled column", "endless cell", "word"],
 )
-def test_every_reader_refuses(name: str, damage: Callable, sentence: str, tmp_path: Path) -> None:
+def test_every_reader_refuses(name, damage, sentence, tmp_path):
     read, head, row = READERS[name]
     file = tmp_path / "table.csv"
     file.write_text("\n".join(map(",".join, damage(head, row))) + "\n")
@@ -60,7 +60,7 @@ def test_every_reader_refuses(name: str, damage: Callable, sentence: str, tmp_pa
 
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("separator", [";", "\t"])
-def test_every_reader_names_another_separator(name: str, separator: str, tmp_path: Path) -> None:
+def test_every_reader_names_another_separator(name, separator, tmp_path):
     read, head, row = READERS[name]
     file = tmp_path / "table.csv"
     file.write_text(f"{separator.join(head)}\n{separator.join(row)}\n")
@@ -68,7 +68,7 @@ def test_every_reader_names_another_separator(name: str, separator: str, tmp_pat
         read(file)
 
 
-def test_columns_stand_in_any_order_with_their_units(tmp_path: Path) -> None:
+def test_columns_stand_in_any_order_with_their_units(tmp_path):
     file = tmp_path / "table.csv"
     file.write_text("Y (m), note, x\n2,a,1\n\n4,b,3\n")
     table = read_csv(file)

@@ -35,12 +35,12 @@ def mine(export: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.slow
-def test_exports(mine: Path) -> None:
+def test_exports(mine):
     names = "contract.json", "spacecraft.toml", "agent.onnx"
     check([mine / name for name in names], lambda: load_exported(mine))
 
 
-def test_run_folders(trained: Path, tmp_path: Path) -> None:
+def test_run_folders(trained, tmp_path):
     run = Path(shutil.copytree(trained, tmp_path / "run"))
     files = [run / name for name in ("config.json", "spacecraft.toml", "agent.safetensors")]
     check(files, lambda: rans.load_agent(run), 0.5)
@@ -49,13 +49,13 @@ def test_run_folders(trained: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", RESULTS)
-def test_results(name: str, tmp_path: Path) -> None:
+def test_results(name, tmp_path):
     write_json(tmp_path / name, RESULTS[name])
     write_json(tmp_path / "config.json", {"seed": 0, "about": {"command": "c"}})
     check([tmp_path / name], lambda: report_from_run(tmp_path), 2)
 
 
-def test_tuned_settings(tmp_path: Path) -> None:
+def test_tuned_settings(tmp_path):
     file = Path(shutil.copy(TUNED, tmp_path / "lqr.json"))
     setup = Setup(rans.load_spacecraft("floating-platform"), GoToPose(), rans.Timing())
 
@@ -69,7 +69,7 @@ def test_tuned_settings(tmp_path: Path) -> None:
     check([file], read, 3)
 
 
-def test_texts(tmp_path: Path) -> None:
+def test_texts(tmp_path):
     data = Path(rans.__file__).with_name("data")
     craft = tmp_path / "craft.toml"
     shutil.copy(data / "spacecraft" / "floating-platform.toml", craft)
@@ -79,7 +79,7 @@ def test_texts(tmp_path: Path) -> None:
     check([world], lambda: rans.load_conditions(world))
 
 
-def test_a_byte_order_mark_is_read_over_and_another_encoding_named(tmp_path: Path) -> None:
+def test_a_byte_order_mark_is_read_over_and_another_encoding_named(tmp_path):
     """As editors of Windows write files."""
     text = 'base = "lab"\n'
     file = tmp_path / "world.toml"

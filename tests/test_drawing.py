@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -53,7 +52,7 @@ def centre(frame: np.ndarray, colour: tuple[int, int, int]) -> np.ndarray:
     return found.mean(axis=0)
 
 
-def test_only_open_thrusters_have_flames() -> None:
+def test_only_open_thrusters_have_flames():
     scene = Scene(PLATFORM, TASK)
     assert not len(spots(scene.render(planar(), planar(FAR), shut(PLATFORM)), FLAME))
     full = spots(scene.render(planar(), planar(FAR), opened(PLATFORM, 2)), FLAME)
@@ -63,7 +62,7 @@ def test_only_open_thrusters_have_flames() -> None:
 
 @pytest.mark.parametrize("index", range(8))
 @pytest.mark.parametrize("heading", [0.0, -2.5])
-def test_flames_leave_against_the_force(index: int, heading: float) -> None:
+def test_flames_leave_against_the_force(index, heading):
     frame = Scene(PLATFORM, TASK).render(
         planar(heading=heading), planar(FAR), opened(PLATFORM, index)
     )
@@ -84,7 +83,7 @@ def goal_of(task: SingleTask, angle: float) -> np.ndarray:
     return spots(frame, GOAL) - centre(frame, BODY)
 
 
-def test_the_goal_is_what_the_task_wants() -> None:
+def test_the_goal_is_what_the_task_wants():
     """A metre is 130 pixels: 3 m and six radii of 0.31 m fill the frame's 640."""
     pose = goal_of(GoToPose(), math.pi / 2)
     dot = goal_of(GoToPosition(), math.pi / 2)
@@ -102,7 +101,7 @@ def test_the_goal_is_what_the_task_wants() -> None:
     )  # an axis of 0.71 m to the left, but nothing at the start
 
 
-def test_the_trail_is_drawn_and_fits_the_frame() -> None:
+def test_the_trail_is_drawn_and_fits_the_frame():
     trail = [(10.0, 10.0), (10.0, -10.0)]
     frame = Scene(PLATFORM, TASK).render(planar(), planar(), shut(PLATFORM), trail)
     found = spots(frame, TRAIL)
@@ -110,7 +109,7 @@ def test_the_trail_is_drawn_and_fits_the_frame() -> None:
     assert not len(spots(Scene(PLATFORM, TASK).render(planar(), planar(), shut(PLATFORM)), TRAIL))
 
 
-def test_space_is_seen_with_z_up() -> None:
+def test_space_is_seen_with_z_up():
     scene = Scene(FLYER, TASK)
     goal = spatial()
     above = centre(scene.render(spatial((0.0, 0.0, FAR)), goal, shut(FLYER)), BODY)
@@ -120,7 +119,7 @@ def test_space_is_seen_with_z_up() -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
+def test_layout_shows_every_thruster(dimension):
     craft = PLATFORM if dimension == 2 else FLYER
     figure = draw_layout(craft)
     (axes,) = figure.axes
@@ -129,7 +128,7 @@ def test_layout_shows_every_thruster(dimension: Literal[2, 3]) -> None:
     assert craft.name in axes.get_title(loc="left") + axes.get_title()
 
 
-def test_layout_arrows_are_the_forces(planar_craft: Spacecraft) -> None:
+def test_layout_arrows_are_the_forces(planar_craft):
     (axes,) = draw_layout(planar_craft).axes
     arrows = next(c for c in axes.collections if isinstance(c, Quiver))
     forces = np.array([np.array(t.direction) * t.force for t in planar_craft.thrusters])[:, :2]

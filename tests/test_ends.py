@@ -45,7 +45,7 @@ def drake(checks: int) -> DrakeMover:
 
 
 @pytest.mark.parametrize("mover", [None, drake], ids=["ours", "drake"])
-def test_a_contact_between_two_commands_counts(mover: Any) -> None:
+def test_a_contact_between_two_commands_counts(mover):
     """At 0.8 m/s it is at x = -0.2 m after 1 s and at 0.6 m after 2 s; at the origin after 1.25 s."""
     blind = outcomes(Pass(wall=9.0), 1, 2, mover and mover(1))
     assert [bool(one.done) for one in blind] == [False, False]
@@ -67,7 +67,7 @@ def steady(command: float) -> Played:
 
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
-def test_what_fails_after_the_contact_in_the_same_period_is_won(flying: Any) -> None:
+def test_what_fails_after_the_contact_in_the_same_period_is_won(flying):
     """At 0.6 m after 2 s it is too far away, but it was at the origin after 1.25 s; with one check it is lost."""
     pilot = steady(0.0)
     task = Pass(wall=9.0, fail_distance=0.5)
@@ -78,14 +78,14 @@ def test_what_fails_after_the_contact_in_the_same_period_is_won(flying: Any) -> 
         assert bool(outcomes(task, checks, 2)[-1].failed) == bool(failure)
 
 
-def test_goals_flow_and_remember_at_every_look() -> None:
+def test_goals_flow_and_remember_at_every_look():
     """After 2 s in eight checks; the farthest way is that of the last check."""
     goal = outcomes(Pass(wall=9.0, lead=1.0), 4, 2)[-1].episode.goal
     assert float(goal.notes.seconds[0]) == pytest.approx(2.0, abs=1e-12)
     assert float(goal.notes.farthest[0]) == pytest.approx(1.6, abs=1e-12)
 
 
-def test_the_engine_and_environments_end_in_the_same_way() -> None:
+def test_the_engine_and_environments_end_in_the_same_way():
     """Whether by programs in single precision or by equations in double."""
     timing = Timing(1.0, 1, 4, 4)
     for task, ends in (
@@ -115,7 +115,7 @@ def test_the_engine_and_environments_end_in_the_same_way() -> None:
         assert info["is_success"] == bool(expected[-1].success)
 
 
-def test_looks_do_not_change_the_motion() -> None:
+def test_looks_do_not_change_the_motion():
     """Turning, pushed, pulsed and late: the end of the period is the same however often one checks."""
     commands = np.random.default_rng(3).integers(0, 2, (20, 4, 8)).astype(float)
     flown = []
@@ -129,7 +129,7 @@ def test_looks_do_not_change_the_motion() -> None:
 
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
-def test_a_flight_stands_still_once_its_mission_is_won(flying: Any) -> None:
+def test_a_flight_stands_still_once_its_mission_is_won(flying):
     """At the origin after 1.25 s, so in the second period, at x = 0.6 m; what it passes later is nothing."""
     pilot = steady(0.0)
     timing = Timing(1.0, 1, 5, 4)
@@ -179,7 +179,7 @@ class Cautious:
         return tuple(where(beyond, 0.0, one) for one in command), changed
 
 
-def test_a_guard_stands_between_policy_and_effectors_in_every_engine() -> None:
+def test_a_guard_stands_between_policy_and_effectors_in_every_engine():
     """At 0.8 m/s from x = -1 m it is left of -0.5 m at 0 s only, and right of it from 1 s on."""
     guard = Cautious(-0.5)
     task = Pass(wall=9.0, done_weight=0.0, thrust_weight=1.0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import urllib.request
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -36,14 +35,14 @@ def seen(env: Any) -> bytes:
 
 
 @pytest.mark.parametrize("name", [PLANE, SPACE, "rans/GoToPose2D-Drake-v0"])
-def test_gymnasium_finds_nothing_wrong(name: str) -> None:
+def test_gymnasium_finds_nothing_wrong(name):
     env = gymnasium.make(name, render_mode="human", timing=QUICK)
     check_env(env.unwrapped)
     env.close()
     env.close()
 
 
-def test_every_step_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_step_is_shown(monkeypatch):
     """Without a call of `render`, which then returns nothing."""
     shown: list[np.ndarray] = []
     monkeypatch.setattr("rans.window.Window.show", lambda window, frame: shown.append(frame))
@@ -62,7 +61,7 @@ def test_every_step_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
     env.close()
 
 
-def test_recording_a_video(tmp_path: Path) -> None:
+def test_recording_a_video(tmp_path):
     """Its 6 steps and the start are 7 frames; moviepy 1 may write the last one twice."""
     from imageio_ffmpeg import count_frames_and_secs
 
@@ -79,7 +78,7 @@ def test_recording_a_video(tmp_path: Path) -> None:
     assert seconds == pytest.approx(frames / 50.0, abs=0.01)
 
 
-def test_a_batch_is_reset_before_it_steps() -> None:
+def test_a_batch_is_reset_before_it_steps():
     envs = gymnasium.make_vec(PLANE, num_envs=2, task=GoToPose())
     with pytest.raises(ResetNeeded, match="call reset"):
         envs.step(torch.zeros(2, 8))

@@ -73,7 +73,7 @@ class Counting(GoToPose):
 
 
 @BOTH
-def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
+def test_engine_environment_and_flight_take_the_same_steps(craft):
     task = Chase()
     timing = Timing(episode_steps=20)
     pilot = Random(craft)
@@ -99,7 +99,7 @@ def test_engine_environment_and_flight_take_the_same_steps(craft: Any) -> None:
         np.testing.assert_allclose([reward], result.reward[:1], rtol=0, atol=1e-9)
 
 
-def test_what_a_reward_reads_is_found_not_promised() -> None:
+def test_what_a_reward_reads_is_found_not_promised():
     """Eight valves open, then shut: 8 each time, in the batch as in the single environment."""
     assert not watches_switching(GoToPose(), PLATFORM)
     assert watches_switching(SwitchingGoToPose(), PLATFORM)
@@ -121,7 +121,7 @@ class OnlyTorch(GoToPose):
         return {name: error.clip(0.0, 9.0) for name, error in super().errors(state, goal).items()}
 
 
-def test_a_task_that_symbols_cannot_follow_flies_all_the_same() -> None:
+def test_a_task_that_symbols_cannot_follow_flies_all_the_same():
     engine, usual = (Engine(PLATFORM, task, 2, seed=1) for task in (OnlyTorch(), GoToPose()))
     assert not watches_switching(OnlyTorch(), PLATFORM)
     with pytest.warns(
@@ -140,7 +140,7 @@ def test_a_task_that_symbols_cannot_follow_flies_all_the_same() -> None:
 
 
 @pytest.mark.parametrize("way", [(1e8, 0.0), (0.0, 1e8), (-1e25, 0.0), (math.nan, 0.0)])
-def test_an_episode_ends_before_a_state_that_no_craft_reaches(way: tuple[float, float]) -> None:
+def test_an_episode_ends_before_a_state_that_no_craft_reaches(way):
     """A jump of 1e8 m, or to 1e8 m/s, within 0.2 s; the observation is of the state before."""
     place, speed = way
 
@@ -172,7 +172,7 @@ BLIND = Conditions(sensors=SensorsConditions(SensorConditions(bias=50.0)))
 """Told to be 50 m away, far behind where the task fails."""
 
 
-def test_reward_and_ends_are_of_the_true_state() -> None:
+def test_reward_and_ends_are_of_the_true_state():
     world, starts, own, now = under(BLIND, count=4)
     truth = World(Setup(PLATFORM, GoToPose()))
     usual = truth.begin(starts.start, starts.goal)
@@ -192,7 +192,7 @@ def test_reward_and_ends_are_of_the_true_state() -> None:
     assert (world.sensed(now, own).p - now.state.p).norm() == pytest.approx([50.0] * 4)
 
 
-def test_controllers_are_told_what_sensors_tell() -> None:
+def test_controllers_are_told_what_sensors_tell():
     pilot = Watching(PLATFORM, 1)
     starts = scenarios(GoToPose(), PLATFORM, seed=3, count=2)
     flight = fly(

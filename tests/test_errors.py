@@ -2,10 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from rans import TASKS, GoToPosePriced, errors
@@ -14,9 +10,7 @@ from rans.tasks.go_to_pose_priced import TradeOffPositions
 from tests.support.scripts import module_of
 
 
-def test_a_users_file_beside_the_package_is_not_the_packages(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_users_file_beside_the_package_is_not_the_packages(tmp_path, monkeypatch):
     """A name that begins as the package's folder does, as of a project that extends it."""
     monkeypatch.setattr(errors, "__file__", str(tmp_path / "rans" / "errors.py"))
     file = tmp_path / "rans_mine.py"
@@ -33,7 +27,7 @@ def test_a_users_file_beside_the_package_is_not_the_packages(
     ids=lambda names: type(names).__name__,
 )
 @pytest.mark.parametrize("key", ["nothing", None])
-def test_mappings_are_asked_as_pythons(names: Mapping[Any, Any], key: Any) -> None:
+def test_mappings_are_asked_as_pythons(names, key):
     assert names.get(key) is None
     assert key not in names
     with pytest.raises(errors.NoSuchKey) as raised:

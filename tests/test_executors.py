@@ -35,7 +35,7 @@ class Silent(Executor):
         return future
 
 
-def test_an_executor_that_answers_something_else_is_named() -> None:
+def test_an_executor_that_answers_something_else_is_named():
     with Silent() as pool, run_on(pool), pytest.raises(RansError, match=r"answers None in place"):
         rans.evaluate("lqr:go-to-pose-2d", episodes=65, engine="drake")
 
@@ -79,14 +79,14 @@ def refuses(_: None, number: int) -> int:
 JOBS = [(k,) for k in range(5)]
 
 
-def test_answers_are_in_order_and_the_state_is_made_once() -> None:
+def test_answers_are_in_order_and_the_state_is_made_once():
     with run_on(Serial()):
         answers = list(Workers(state, (), 2).ordered(twice, JOBS))
     assert answers == [(2 * k, k + 1) for k in range(5)]
 
 
 @pytest.mark.parametrize("lost", [1, 3, 7])
-def test_a_lost_job_is_submitted_again(lost: int) -> None:
+def test_a_lost_job_is_submitted_again(lost):
     executor = Serial(lost)
     with run_on(executor):
         found = dict(Workers(state).finished(twice, JOBS))
@@ -94,7 +94,7 @@ def test_a_lost_job_is_submitted_again(lost: int) -> None:
     assert executor.submitted == len(JOBS) + lost
 
 
-def test_a_job_that_is_always_lost_is_a_sentence_or_an_answer() -> None:
+def test_a_job_that_is_always_lost_is_a_sentence_or_an_answer():
     with run_on(Serial(100)) as executor:
         workers = Workers(state, (), None, "counted")
         with pytest.raises(
@@ -108,7 +108,7 @@ def test_a_job_that_is_always_lost_is_a_sentence_or_an_answer() -> None:
         }
 
 
-def test_what_a_job_raises_is_raised_here_and_not_repeated() -> None:
+def test_what_a_job_raises_is_raised_here_and_not_repeated():
     with run_on(Serial()) as executor, pytest.raises(ConfigError) as raised:
         list(Workers(nothing).ordered(refuses, [(0,)]))
     assert str(raised.value) == "job 0 is wrong."
@@ -124,7 +124,7 @@ def waits(_: None, folder: Path, number: int) -> int:
     return number
 
 
-def test_an_early_end_cancels_what_has_not_begun(tmp_path: Path) -> None:
+def test_an_early_end_cancels_what_has_not_begun(tmp_path):
     with ThreadPoolExecutor(1) as pool, run_on(pool):
         answers = Workers(nothing).finished(waits, [(tmp_path, k) for k in range(9)])
         assert next(answers) == (0, 0)
@@ -133,7 +133,7 @@ def test_an_early_end_cancels_what_has_not_begun(tmp_path: Path) -> None:
     assert len(list(tmp_path.glob("begun *"))) <= 2
 
 
-def test_a_broken_pool_is_a_sentence() -> None:
+def test_a_broken_pool_is_a_sentence():
     class Broken(Serial):
         def submit(self, *_: Any, **__: Any) -> Future[Any]:
             raise BrokenProcessPool("a process died")
@@ -142,7 +142,7 @@ def test_a_broken_pool_is_a_sentence() -> None:
         list(Workers(nothing).ordered(refuses, JOBS))
 
 
-def test_a_worker_of_another_version_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_worker_of_another_version_is_a_sentence(monkeypatch):
     versions = iter(["0.2.0", "0.1.0"])
     monkeypatch.setattr("rans.executors.package_version", lambda _: next(versions))
     with run_on(Serial()), pytest.raises(RansError, match=r"has RANS 0\.1\.0, and this machine"):
@@ -163,7 +163,7 @@ def flights(workers: int | None) -> tuple[list[np.ndarray], int]:
 
 
 @pytest.mark.slow
-def test_flights_in_drake_are_those_of_this_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_flights_in_drake_are_those_of_this_process(monkeypatch):
     """In a pool of the user, whose process is prepared by nobody, and in one without processes."""
     monkeypatch.setattr(episodes, "_SHARE", 1)
     states, stopped = flights(1)
@@ -189,9 +189,7 @@ def killed_once(_: None, folder: Path, number: int) -> tuple[int, int]:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")  # Dask's own, of ports in use and of the killed worker
-def test_a_killed_worker_of_dask_costs_no_job(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_worker_of_dask_costs_no_job(tmp_path, monkeypatch):
     """One of two workers is killed; its jobs go to the other."""
     distributed = pytest.importorskip("distributed")
     monkeypatch.setenv("PYTHONHASHSEED", "0")  # which Dask sets for its workers
@@ -232,13 +230,13 @@ class Counting(ThreadPoolExecutor):
     ],
 )
 def test_a_command_says_what_ran_on_its_executor(
-    who: str,
-    part: int,
-    jobs: int,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    who,
+    part,
+    jobs,
+    said,
+    monkeypatch,
+    capsys,
+):
     """Flights of an agent are cut into jobs, too; what the executor does not get is said."""
     monkeypatch.setattr(episodes, "_FAST_SHARE", part)
     monkeypatch.setattr(Counting, "count", 0)

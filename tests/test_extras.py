@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 from zlib import crc32
 
 import pytest
@@ -61,7 +60,7 @@ def printed_next(text: str) -> list[str]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("alone", ["", "optimal", "plots", "verify"])
-def test_commands_do_what_they_can_with_an_extra_alone(alone: str, tmp_path: Path) -> None:
+def test_commands_do_what_they_can_with_an_extra_alone(alone, tmp_path):
     """All of README end well; so do those printed under "Next:", or they say what is to be installed.
 
     The other extras change none of these commands.
@@ -81,7 +80,7 @@ def test_commands_do_what_they_can_with_an_extra_alone(alone: str, tmp_path: Pat
 
 @pytest.mark.slow
 @pytest.mark.parametrize("hidden", ["matplotlib", "casadi"])
-def test_a_comparison_writes_its_numbers_without_a_package(hidden: str, tmp_path: Path) -> None:
+def test_a_comparison_writes_its_numbers_without_a_package(hidden, tmp_path):
     """It says what is missing before anybody flies; what the user asks for by name is refused there."""
     line = f"compare go-to-pose-2d --with lqr {SHORTER['compare']} --output found"
     asked = line.replace("lqr", "mpc")
@@ -133,7 +132,7 @@ keep.every = ["4 - x0"]
 
 
 @pytest.mark.slow
-def test_commands_that_are_printed_to_run_next_run(tmp_path: Path) -> None:
+def test_commands_that_are_printed_to_run_next_run(tmp_path):
     """With everything installed; those after a flight are run where a robot flies (packages/robot).
 
     A dossier is checked by tests of its own: here one process runs all commands, so that files name another line.

@@ -6,7 +6,6 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +35,7 @@ from rans.files import (
 from tests.support.processes import PATIENCE, ROOT, python
 
 
-def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
+def test_a_file_is_replaced_as_a_whole(tmp_path):
     file = tmp_path / "new" / "folder" / "x.txt"
     write_text(file, "old")
     seen = []
@@ -55,7 +54,7 @@ def test_a_file_is_replaced_as_a_whole(tmp_path: Path) -> None:
     "error",
     [OSError(28, "No space left on device"), RuntimeError("write failed"), KeyboardInterrupt()],
 )
-def test_a_failed_write_leaves_the_old_file(tmp_path: Path, error: BaseException) -> None:
+def test_a_failed_write_leaves_the_old_file(tmp_path, error):
     file = tmp_path / "x.txt"
     write_text(file, "old")
 
@@ -76,7 +75,7 @@ def test_a_failed_write_leaves_the_old_file(tmp_path: Path, error: BaseException
     assert os.listdir(tmp_path) == ["x.txt"]
 
 
-def test_nobody_can_foresee_a_draft(tmp_path: Path) -> None:
+def test_nobody_can_foresee_a_draft(tmp_path):
     """It is a new file of its own before anything is written, with the permissions of any other file."""
     drafts: list[Path] = []
 
@@ -93,7 +92,7 @@ def test_nobody_can_foresee_a_draft(tmp_path: Path) -> None:
     assert (tmp_path / "x.txt").stat().st_mode == usual.stat().st_mode
 
 
-def test_links_are_not_followed(tmp_path: Path) -> None:
+def test_links_are_not_followed(tmp_path):
     outside = tmp_path / "outside.txt"
     outside.write_text("mine")
     folder = tmp_path / "run"
@@ -107,7 +106,7 @@ def test_links_are_not_followed(tmp_path: Path) -> None:
     assert outside.read_text() == "mine"
 
 
-def test_a_place_inside_a_folder(tmp_path: Path) -> None:
+def test_a_place_inside_a_folder(tmp_path):
     """The folder itself may be a link, nothing below it, not even one that leads nowhere."""
     folder = tmp_path / "run"
     (folder / "plain").mkdir(parents=True)
@@ -137,7 +136,7 @@ for number in range(40):
 """
 
 
-def test_who_extends_a_file_loses_nothing_of_others(tmp_path: Path) -> None:
+def test_who_extends_a_file_loses_nothing_of_others(tmp_path):
     """Of two processes that begin at once."""
     file = tmp_path / "known.json"
     with contextlib.ExitStack() as stack:
@@ -165,7 +164,7 @@ def test_who_extends_a_file_loses_nothing_of_others(tmp_path: Path) -> None:
     assert sorted(read_json(file)) == sorted(f"{name} {k}" for name in "ab" for k in range(40))
 
 
-def test_names_that_differ_have_files_that_differ() -> None:
+def test_names_that_differ_have_files_that_differ():
     """What comes with the package keeps its plain name."""
     assert distinct("lab") == "lab"
     names = [
@@ -180,7 +179,7 @@ def test_names_that_differ_have_files_that_differ() -> None:
     assert distinct("lab", "a") == distinct("lab", "a")
 
 
-def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
+def test_a_folder_is_made_ready_before_the_work(tmp_path):
     wanted = tmp_path / "runs" / "new"
     assert ready_folder(wanted) == wanted
     assert not wanted.parent.exists()  # work that fails leaves no empty folder
@@ -202,10 +201,10 @@ def test_a_folder_is_made_ready_before_the_work(tmp_path: Path) -> None:
     ],
 )
 def test_long_work_does_not_begin_without_a_place_for_its_results(
-    command: str,
-    here: Path,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    command,
+    here,
+    capsys,
+):
     (here / "file").write_text("")
     assert main(command.split()) == 2
     said = capsys.readouterr()
@@ -213,7 +212,7 @@ def test_long_work_does_not_begin_without_a_place_for_its_results(
     assert said.out == ""
 
 
-def test_json_has_texts_for_what_is_not_finite(tmp_path: Path) -> None:
+def test_json_has_texts_for_what_is_not_finite(tmp_path):
     """Wherever they are; and null, which files had before, was an infinity."""
     file = tmp_path / "x.json"
     far = math.inf
@@ -227,7 +226,7 @@ def test_json_has_texts_for_what_is_not_finite(tmp_path: Path) -> None:
     assert math.isnan(number(read["b"][0]["c"]))
 
 
-def test_json_lines(tmp_path: Path) -> None:
+def test_json_lines(tmp_path):
     file = tmp_path / "x.jsonl"
     with pytest.raises(ConfigError, match=r"cannot read .*x\.jsonl"):
         read_json_lines(file)
@@ -242,7 +241,7 @@ def test_json_lines(tmp_path: Path) -> None:
         assert read_json_lines(file) == expected
 
 
-def test_first_line() -> None:
+def test_first_line():
     assert first_line(ValueError("Too bad.\nTry again.")) == "Too bad"
     assert first_line(EOFError()) == "EOFError"
 
@@ -257,7 +256,7 @@ def test_first_line() -> None:
         ("processor\t: 0\nCPU implementer\t: 0x41\n", "unknown"),
     ],
 )
-def test_the_processors_name(monkeypatch: pytest.MonkeyPatch, told: str, name: str) -> None:
+def test_the_processors_name(monkeypatch, told, name):
     """As Linux tells it of the first core."""
     read = Path.read_text
 
@@ -268,7 +267,7 @@ def test_the_processors_name(monkeypatch: pytest.MonkeyPatch, told: str, name: s
     assert environment()["processor"] == name
 
 
-def test_what_the_environment_says_is_so(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_the_environment_says_is_so(monkeypatch):
     """Of what other modules know as well; a package that is not there is said to be missing."""
     monkeypatch.setattr(files, "_PACKAGES", ("numpy", "no-such-package"))
     known = environment()
@@ -277,7 +276,7 @@ def test_what_the_environment_says_is_so(monkeypatch: pytest.MonkeyPatch) -> Non
     assert known["system"] == f"{os.uname().sysname} {os.uname().machine}"
 
 
-def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_revision_without_git(monkeypatch):
     for failure in (FileNotFoundError("git"), subprocess.TimeoutExpired("git", 5)):
 
         def fail(*_: Any, failure: Exception = failure, **__: Any) -> None:
@@ -287,7 +286,7 @@ def test_revision_without_git(monkeypatch: pytest.MonkeyPatch) -> None:
         assert git_revision() == "unknown"
 
 
-def test_json_that_is_deep_is_told(tmp_path: Path) -> None:
+def test_json_that_is_deep_is_told(tmp_path):
     """Python's reader manages 900 levels, but whoever walks through them may not."""
     for depth in (60, 900):
         text = "[" * depth + "]" * depth
@@ -304,9 +303,7 @@ def test_json_that_is_deep_is_told(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("read", [read_json, read_json_lines, read_text])
-def test_files_that_are_larger_than_any_are_not_read(
-    tmp_path: Path, read: Callable[[Path], object]
-) -> None:
+def test_files_that_are_larger_than_any_are_not_read(tmp_path, read):
     with (tmp_path / "huge").open("wb") as file:
         file.truncate(2**40)  # which takes no room on the disk
     with pytest.raises(
@@ -315,7 +312,7 @@ def test_files_that_are_larger_than_any_are_not_read(
         read(tmp_path / "huge")
 
 
-def test_a_file_without_a_size_is_read_as_far_as_it_may_be(tmp_path: Path) -> None:
+def test_a_file_without_a_size_is_read_as_far_as_it_may_be(tmp_path):
     """Such as those of /proc, which say that they are empty."""
     assert Path("/proc/self/maps").stat().st_size == 0
     assert len(read_bytes(Path("/proc/self/maps"), 2**20)) > 100
@@ -324,8 +321,8 @@ def test_a_file_without_a_size_is_read_as_far_as_it_may_be(tmp_path: Path) -> No
 
 
 def test_a_file_names_the_command_or_the_function_that_made_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """Whatever the arguments of the process are, a call from Python has no command."""
     monkeypatch.setattr("sys.argv", ["rans", "stress", "my run"])
     assert files.made_by("rans.stress") == "rans.stress"

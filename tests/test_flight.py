@@ -5,13 +5,12 @@ from __future__ import annotations
 import csv
 import math
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from rans import LQR, ConfigError, Spacecraft, Timing
+from rans import LQR, ConfigError, Timing
 from rans.evaluation.measure.metrics import returns
 from rans.flight import Flight, fly, outran
 from rans.model.accuracy import fastest
@@ -47,7 +46,7 @@ class Recorded:
         return command
 
 
-def test_the_books_of_a_flight(shipped: Spacecraft) -> None:
+def test_the_books_of_a_flight(shipped):
     count = 5
     timing = Timing(episode_steps=4)
     task = GoToPose(thrust_weight=0.01)
@@ -79,7 +78,7 @@ class Alive(GoToPose):
         return {**super().reward(transition), "alive": 0.5}
 
 
-def test_a_reward_may_be_a_plain_number() -> None:
+def test_a_reward_may_be_a_plain_number():
     craft = load_spacecraft("floating-platform")
     starts = scenarios(GoToPose(), craft, 0, 3)
     with_it, without = (
@@ -90,7 +89,7 @@ def test_a_reward_may_be_a_plain_number() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:invalid value encountered:RuntimeWarning")
-def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
+def test_what_is_no_longer_a_number_has_failed_and_stops_there():
     """The second of three spacecraft is commanded with infinity in the third period."""
 
     class Overflowing(Recorded):
@@ -116,7 +115,7 @@ def test_what_is_no_longer_a_number_has_failed_and_stops_there() -> None:
 PLANAR = load_spacecraft("floating-platform")
 
 
-def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:
+def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps():
     """Within a period of 0.5 s 0.1 rad are turned, or 50."""
     flight = flight_of([[1.0], [1.0]], 0.0, spin=-0.2)
     timing = Timing(0.5, substeps=1)
@@ -129,7 +128,7 @@ def test_a_spin_beyond_the_accuracy_is_reported_with_enough_substeps() -> None:
         assert f"timing.substeps to {advised} or more" in said
 
 
-def test_flights_off_every_path_are_counted() -> None:
+def test_flights_off_every_path_are_counted():
     """Within 0.2 s the platform gains 0.3 m/s at most: 1 m away from its path is possible, 100 m are not."""
     timing = Timing(0.2)
     rest = [[1.0, 2.0], [1.0, 2.0], [1.0, 2.0]]
@@ -150,7 +149,7 @@ def by_lqr() -> Flight:
     return fly(PLANAR, GoToPose(), LQR(PLANAR, "go-to-pose"), starts, Timing(episode_steps=3))
 
 
-def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
+def test_an_episode_as_a_table_with_units(tmp_path):
     """The second of two episodes, read by the standard library; an open thruster is held from its row on."""
     flight = by_lqr()
     with flight.to_csv(tmp_path / "flight.csv", 1).open() as file:
@@ -166,7 +165,7 @@ def test_an_episode_as_a_table_with_units(tmp_path: Path) -> None:
         flight.to_csv(tmp_path / "flight.csv", 2)
 
 
-def test_who_reads_states_alone_is_given_no_columns() -> None:
+def test_who_reads_states_alone_is_given_no_columns():
     widths = []
 
     class Reading:

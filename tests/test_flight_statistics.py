@@ -13,7 +13,7 @@ from rans.flight_statistics import QUANTITIES, FlightStatistics, Sums
 from tests.support.engines import PLATFORM
 
 
-def test_sums_have_the_mean_and_its_error() -> None:
+def test_sums_have_the_mean_and_its_error():
     values = np.array([1.0, 4.0, 7.0, 8.0])
     sums = Sums.of(values[:1]) + Sums.of(values[1:])
     assert sums.mean == 5.0
@@ -35,7 +35,7 @@ def statistics(
     return FlightStatistics.of(world, all_, (failure, at), [np.ones(4)] * 3, listed, "by hand")
 
 
-def test_verdicts_add_up() -> None:
+def test_verdicts_add_up():
     both = (
         statistics([9, 5], [2, 3], [3, 1])
         + statistics([1, 7], [3, 5], [3, 2])
@@ -60,7 +60,7 @@ def test_verdicts_add_up() -> None:
     assert both.ways == {"by hand"}
 
 
-def test_the_instant_by_which_a_share_is_settled() -> None:
+def test_the_instant_by_which_a_share_is_settled():
     found = statistics([9], [2], [0, 1, 1, 2])
     assert [found.settling_step(share) for share in (0.25, 0.5, 0.75, 0.76)] == [
         1.0,

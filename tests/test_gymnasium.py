@@ -28,7 +28,7 @@ def copies(environment: Any) -> list[Any]:
 
 @pytest.mark.parametrize("name", COPIED)
 @pytest.mark.parametrize("conditions", [None, "lab"])
-def test_copies_fly_on_as_the_environment_does(name: str, conditions: str | None) -> None:
+def test_copies_fly_on_as_the_environment_does(name, conditions):
     """Made before an episode, and in the middle of one."""
     environment = gymnasium.make(name, conditions=conditions)
     assert environment.action_space == copies(environment)[0].action_space
@@ -47,7 +47,7 @@ def test_copies_fly_on_as_the_environment_does(name: str, conditions: str | None
 
 @CONTINUOUS
 @pytest.mark.parametrize("name", [*BOXES, None])
-def test_actions_one_number_out_of_range_are_the_bounds(name: str | None) -> None:
+def test_actions_one_number_out_of_range_are_the_bounds(name):
     """A batch takes them, too. Formulas of trainers end an ulp beside a bound; what is farther out is a mistake."""
     environment: Any = gymnasium.make(name) if name else gymnasium.make_vec(BOXES[0], num_envs=1)
     space: Any = environment.action_space
@@ -76,9 +76,7 @@ def length(batch: Any) -> int:
 
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
 @pytest.mark.parametrize(("limit", "own", "expected"), [(7, 125, 7), (50, 9, 9)])
-def test_the_shorter_of_two_limits_ends_episodes(
-    mode: str, limit: int, own: int, expected: int
-) -> None:
+def test_the_shorter_of_two_limits_ends_episodes(mode, limit, own, expected):
     made: Callable[..., Any] = gymnasium.make_vec
     batch = made(
         "rans/GoToPose2D-v0",

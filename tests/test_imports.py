@@ -153,7 +153,7 @@ def unit(name: str) -> str:
     return parts[0] if parts[0] == "campaigns" else ".".join(parts[:2])
 
 
-def test_imports_point_down() -> None:
+def test_imports_point_down():
     found = []
     for name, file in MODULES.items():
         assert unit(name) in RANK, f"{name} is new: give it a place in LAYERS"
@@ -164,7 +164,7 @@ def test_imports_point_down() -> None:
     assert not found
 
 
-def test_no_module_imports_itself_through_others() -> None:
+def test_no_module_imports_itself_through_others():
     """In functions neither: what needs one another is one module."""
     every = MODULES | PACKAGED
     graph = {
@@ -174,7 +174,7 @@ def test_no_module_imports_itself_through_others() -> None:
     TopologicalSorter(graph).prepare()  # its CycleError names the circle
 
 
-def test_nothing_imports_the_front_door() -> None:
+def test_nothing_imports_the_front_door():
     """`import rans` reaches every layer; only the command's start may, and a name from it is no submodule's."""
     found = []
     for name, file in MODULES.items():
@@ -189,7 +189,7 @@ def test_nothing_imports_the_front_door() -> None:
     assert not found
 
 
-def test_each_engine_keeps_to_its_library() -> None:
+def test_each_engine_keeps_to_its_library():
     found = []
     for name, file in MODULES.items():
         libraries = {imported.partition(".")[0] for imported in imports(file)}
@@ -216,7 +216,7 @@ PACKAGED = {
 """Modules of packages."""
 
 
-def test_a_mechanism_has_one_room() -> None:
+def test_a_mechanism_has_one_room():
     """In what is installed, and in what draws figures of documents."""
     for mechanism, room in ONE_ROOM.items():
         found = {
@@ -254,7 +254,7 @@ def elements(text: str) -> list[str]:
     ]
 
 
-def test_html_has_one_room() -> None:
+def test_html_has_one_room():
     found = {
         name: names
         for name, file in (MODULES | PACKAGED).items()
@@ -263,7 +263,7 @@ def test_html_has_one_room() -> None:
     assert not found, "pages are made of `rans.show.pages.page.Section`, which escapes texts"
 
 
-def test_the_judge_knows_nothing_of_our_equations() -> None:
+def test_the_judge_knows_nothing_of_our_equations():
     values = {f"rans.model.{name}" for name in ("spacecraft", "actuators", "body", "drift")}
     own = {f"rans.reference.{name}" for name in ("parts", "nozzles", "further", "frames")}
     for judge in ("plant.py", "parts.py", "nozzles.py", "further.py", "frames.py"):
@@ -305,7 +305,7 @@ def kinds_asked_for(tree: ast.Module, kinds: set[str]) -> set[str]:
     }
 
 
-def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors() -> None:
+def test_only_their_own_rooms_know_kinds_of_tasks_and_effectors():
     kinds = derived(Task) | derived(Actuators) | derived(Effector)
     asked = {
         name: kinds_asked_for(parsed(file), kinds)
@@ -326,7 +326,7 @@ def loaders_used(tree: ast.Module) -> set[str]:
     return used & LOADERS
 
 
-def test_names_become_values_at_the_door() -> None:
+def test_names_become_values_at_the_door():
     found = {
         name: loaders_used(parsed(file))
         for name, file in MODULES.items()
@@ -335,7 +335,7 @@ def test_names_become_values_at_the_door() -> None:
     assert not {name: used for name, used in found.items() if used}
 
 
-def test_tests_import_nothing_from_other_tests() -> None:
+def test_tests_import_nothing_from_other_tests():
     """What several share is in `tests.support`, which imports from no test either."""
     shared = "tests.support."
     other = re.compile(
@@ -351,7 +351,7 @@ def test_tests_import_nothing_from_other_tests() -> None:
     assert not found
 
 
-def test_start_up_is_light() -> None:
+def test_start_up_is_light():
     """One after another in one process, whose modules are those of all of them."""
     statements = (
         "import rans",
@@ -380,7 +380,7 @@ MACHINERY = {
 """Modules by which `import rans` registers the environments of tasks by name, and loads everything else later."""
 
 
-def test_import_rans_loads_no_implementation() -> None:
+def test_import_rans_loads_no_implementation():
     """No spacecraft, task, engine or command: each is loaded when its name is used."""
     found = modules_loaded("import rans; dir(rans); print(rans.TASKS)")
     assert {name for name in found if name.startswith("rans.")} <= MACHINERY
@@ -421,7 +421,7 @@ LEFT_ALONE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("statement", LEFT_ALONE, ids=["list", "engine", "evaluate"])
-def test_what_is_not_used_is_not_loaded(statement: str, tmp_path: Path) -> None:
+def test_what_is_not_used_is_not_loaded(statement, tmp_path):
     found = modules_loaded(f"import os, rans; os.chdir({str(tmp_path)!r})\n{statement}")
     assert not {name for name in found if name.startswith(LEFT_ALONE[statement])}
 
@@ -448,7 +448,7 @@ assert "torch._dynamo" not in sys.modules  # torch's compiler takes 0.6 s to loa
 
 
 @pytest.mark.slow
-def test_training_begins_without_drake_casadi_and_matplotlib(tmp_path: Path) -> None:
+def test_training_begins_without_drake_casadi_and_matplotlib(tmp_path):
     """It needs torch, Stable-Baselines3 and Gymnasium; the learning curve is drawn at its end."""
     found = loaded(TRAIN.format(str(tmp_path / "run")))
     assert "torch" in found

@@ -65,7 +65,7 @@ def planted(craft: Spacecraft, name: str) -> Spacecraft:
 
 
 @pytest.mark.parametrize("name", [*REFUSED, "", " ", 3])
-def test_no_value_has_a_name_of_several_lines(name: Any, tmp_path: Path) -> None:
+def test_no_value_has_a_name_of_several_lines(name, tmp_path):
     """A spacecraft, in Python and in a file, an effector, and an agent in its card and its contract."""
     platform = load_spacecraft("floating-platform")
     with pytest.raises(ConfigError, match="name"):
@@ -82,7 +82,7 @@ def test_no_value_has_a_name_of_several_lines(name: Any, tmp_path: Path) -> None
 
 
 @each()
-def test_toml_has_the_name_as_text(name: str) -> None:
+def test_toml_has_the_name_as_text(name):
     craft = load_spacecraft("floating-platform")
     hostile = planted(craft, name)
     plain = to_toml(craft), commented(craft, ["from a craft"])
@@ -91,7 +91,7 @@ def test_toml_has_the_name_as_text(name: str) -> None:
 
 
 @each("docstring", "backslash", "line", "invisible")
-def test_python_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+def test_python_has_the_name_as_text(name, tmp_path):
     saved = small()
     codes = []
     for title in ("agent", name):
@@ -123,7 +123,7 @@ def contract_of(name: str) -> str:
 
 @needs_gcc
 @each("comment", "assembly", "backslash", "trigraph", "line", "invisible")
-def test_c_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+def test_c_has_the_name_as_text(name, tmp_path):
     """As the title, and as names of columns and commands."""
     saved = small()
     write_agent(tmp_path, "c", saved, PPOSettings(), name, contract_of(name))
@@ -132,7 +132,7 @@ def test_c_has_the_name_as_text(name: str, tmp_path: Path) -> None:
 
 @needs_gcc
 @each("comment", "script", "shell")
-def test_an_fmu_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+def test_an_fmu_has_the_name_as_text(name, tmp_path):
     """XML has no form for control characters, which the door refuses."""
     fmpy = pytest.importorskip("fmpy")
     saved = small()
@@ -143,7 +143,7 @@ def test_an_fmu_has_the_name_as_text(name: str, tmp_path: Path) -> None:
 
 
 @each("comment", "line", "invisible")
-def test_an_ephemeris_has_the_name_as_text(name: str, tmp_path: Path) -> None:
+def test_an_ephemeris_has_the_name_as_text(name, tmp_path):
     """A foreign reader finds one object, and the states that were flown."""
     write_ccsds = pytest.importorskip("rans_missions.ccsds").write_ccsds
     ndm = pytest.importorskip("ccsds_ndm.ndm_io")
@@ -159,7 +159,7 @@ def test_an_ephemeris_has_the_name_as_text(name: str, tmp_path: Path) -> None:
     assert len(segment.data.state_vector) == 4
 
 
-def test_a_shell_has_the_name_as_text(tmp_path: Path) -> None:
+def test_a_shell_has_the_name_as_text(tmp_path):
     for name in HOSTILE.values():
         if "\0" in name:  # no word of a command line has it
             continue
@@ -175,7 +175,7 @@ def test_a_shell_has_the_name_as_text(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_every_printer_asks_the_escaper() -> None:
+def test_every_printer_asks_the_escaper():
     """A text without a type is escaped, that of another language too."""
     for language in (C, Python, Toml):
         assert language.of(language("*/ \\ \n")) == "*/ \\ \n"

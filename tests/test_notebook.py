@@ -19,7 +19,7 @@ TRAINED = 'rans.train("go-to-pose", output="first")'
 
 
 @pytest.mark.slow
-def test_the_notebook_runs_from_top_to_bottom(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_notebook_runs_from_top_to_bottom(here, monkeypatch):
     """Every value that a cell shows has a form for notebooks."""
     display = ModuleType("IPython.display")
     monkeypatch.setattr(display, "HTML", str, raising=False)
@@ -41,13 +41,13 @@ def test_the_notebook_runs_from_top_to_bottom(here: Path, monkeypatch: pytest.Mo
     assert (here / "fly.html").is_file()
 
 
-def test_the_notebook_has_no_outputs() -> None:
+def test_the_notebook_has_no_outputs():
     """Outputs change with every run, and are large."""
     cells = json.loads(NOTEBOOK.read_text("utf-8"))["cells"]
     assert not any(cell.get("outputs") or cell.get("execution_count") for cell in cells)
 
 
-def test_a_notebook_has_the_table_of_a_page() -> None:
+def test_a_notebook_has_the_table_of_a_page():
     """One renderer: numbers stand right and truth values are verdicts in both, and texts are no mark-up."""
     table = Table(("name", "value", "passed"), [("<b>", 1.5, False), ("b", None, True)], "T")
     whole = re.compile(r"<table>.*</table>", re.DOTALL)

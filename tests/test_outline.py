@@ -32,7 +32,7 @@ def crafted(dimension: Literal[2, 3], thrusters: tuple[Thruster, ...]) -> Spacec
 CRAFT = crafted(2, THRUSTERS)
 
 
-def test_nozzles_lie_about_the_centre_of_mass_against_their_forces() -> None:
+def test_nozzles_lie_about_the_centre_of_mass_against_their_forces():
     first, second = Outline(CRAFT).nozzles
     np.testing.assert_allclose(first.root, (1.0, 0.0, 0.0))
     np.testing.assert_allclose(first.exhaust, (0.0, -1.0, 0.0))
@@ -42,7 +42,7 @@ def test_nozzles_lie_about_the_centre_of_mass_against_their_forces() -> None:
     assert (first.strength, second.strength) == (1.0, 0.25)
 
 
-def test_a_page_is_given_places_and_forces() -> None:
+def test_a_page_is_given_places_and_forces():
     values = Outline(CRAFT).values(3)
     assert (values["planar"], values["radius"]) == (True, 2.0)
     assert values["thrusters"][1] == {"at": [0.0, -1.0, 0.0], "along": [-0.15, 0.2, 0.0]}
@@ -70,7 +70,7 @@ def drawn(call: str, told: str, folder: Path) -> str:
     return done.stdout.strip()
 
 
-def test_plumes_leave_against_the_force(tmp_path: Path) -> None:
+def test_plumes_leave_against_the_force(tmp_path):
     """The second is shut; 0.9 radii of 2 m, half the force, half open."""
     craft = "{planar: true, radius: 2, thrusters: [{at: [1, 0], along: [0, 0.5]}, {at: [0, 1], along: [1, 0]}]}"
     call = f'plumes(pen, {craft}, point => point, [0.5, 0], "red", 1)'

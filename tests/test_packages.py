@@ -28,7 +28,7 @@ DECLARED: dict[str, dict[str, str]] = tomllib.loads((ROOT / "pyproject.toml").re
 """Entry points of the packages by group."""
 
 
-def test_the_core_names_no_package() -> None:
+def test_the_core_names_no_package():
     """Neither in an import, nor in a text that could become one, nor for type checkers."""
     word = re.compile("|".join(rf"\b{name}\b" for name in NAMES))
     found = [
@@ -40,14 +40,14 @@ def test_the_core_names_no_package() -> None:
     assert not found
 
 
-def test_packages_do_not_name_one_another() -> None:
+def test_packages_do_not_name_one_another():
     for folder, own in zip(PACKAGES, NAMES, strict=True):
         others = re.compile("|".join(rf"\b{name}\b" for name in NAMES if name != own) or "(?!)")
         for file in (folder / own).rglob("*.py"):
             assert not others.search(file.read_text("utf-8")), file
 
 
-def test_what_packages_add_is_loaded_and_is_of_rans() -> None:
+def test_what_packages_add_is_loaded_and_is_of_rans():
     """Every entry point of the one distribution, whose packages are no strangers."""
     for group, entries in DECLARED.items():
         for name, reference in entries.items():
@@ -60,7 +60,7 @@ def test_what_packages_add_is_loaded_and_is_of_rans() -> None:
     assert rans.read_opm is PUBLIC["read_opm"]
 
 
-def test_extras_name_third_parties_alone() -> None:
+def test_extras_name_third_parties_alone():
     """No index has RANS: whoever took the name of one of its distributions there would run code at its users."""
     project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
     own = {"rans", *(name.replace("_", "-") for name in NAMES), "rans-agents"}
@@ -73,7 +73,7 @@ def test_extras_name_third_parties_alone() -> None:
             assert name not in own or (name == "rans" and extras), line
 
 
-def test_tests_of_packages_are_modules_by_their_paths() -> None:
+def test_tests_of_packages_are_modules_by_their_paths():
     """As packages of Python all of them would be `tests`, and two conftest.py one module, which ends pytest."""
     assert not list((ROOT / "packages").glob("*/tests/**/__init__.py"))
 
@@ -100,7 +100,7 @@ def imported_from_the_core(folder: Path) -> Counter[tuple[str, str]]:
     )
 
 
-def test_what_packages_build_on_is_named_in_one_module() -> None:
+def test_what_packages_build_on_is_named_in_one_module():
     """`rans.extend` has no name without a user or a docstring, and nobody goes round it."""
     homes = extend.homes(extend.__file__)
     assert len(homes) <= 223
@@ -118,7 +118,7 @@ def test_what_packages_build_on_is_named_in_one_module() -> None:
             assert value.__doc__, name
 
 
-def test_tests_that_docstrings_name_exist() -> None:
+def test_tests_that_docstrings_name_exist():
     """A reader of a function learns from its module which test would fail, by its path in repository or package."""
     files = [*ROOT.glob("rans/**/*.py"), *ROOT.glob("packages/*/rans_*/**/*.py")]
     named = [
@@ -134,7 +134,7 @@ def test_tests_that_docstrings_name_exist() -> None:
     ]
 
 
-def test_licences_that_ask_for_something_are_named() -> None:
+def test_licences_that_ask_for_something_are_named():
     """Who distributes an image has to read them; permissive ones and those of files alone (MPL) are left out."""
     text = (ROOT / "SECURITY.md").read_text("utf-8")
     asking = re.compile(r"GPL|GNU|EPL|Eclipse|mosek\.com|(?<!Other/)Proprietary")

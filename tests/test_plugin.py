@@ -46,7 +46,7 @@ def rans(place: Path, *commands: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place: Path) -> None:
+def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place):
     listed, task, _, evaluated, compared, validated, _, _, reported = rans(
         place,
         "list",

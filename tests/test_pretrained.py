@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 import shutil
 from importlib.util import find_spec
-from pathlib import Path
 
 import pytest
 
@@ -31,7 +30,7 @@ every_agent = pytest.mark.parametrize("name", pretrained_names())
 
 
 @every_agent
-def test_an_agent_is_small_and_complete(name: str) -> None:
+def test_an_agent_is_small_and_complete(name):
     files = {file.name: file.stat().st_size for file in pretrained_folder(name).iterdir()}
     assert files.keys() == {"agent.safetensors", "config.json", "spacecraft.toml", "card.json"}
     card = pretrained_card(name)
@@ -54,7 +53,7 @@ def test_an_agent_is_small_and_complete(name: str) -> None:
     )
 
 
-def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
+def test_every_agent_has_a_recipe_and_is_in_one_distribution():
     """The recipes name the agents of both; a checkout has both."""
     core = {file.name for file in FOLDER.iterdir()}
     others = {file.name for file in (ROOT / "agents" / PACKAGE).iterdir() if file.is_dir()}
@@ -67,7 +66,7 @@ def test_every_agent_has_a_recipe_and_is_in_one_distribution() -> None:
     assert missing_agents() == []
 
 
-def test_the_core_has_the_agents_of_commands_that_a_newcomer_types() -> None:
+def test_the_core_has_the_agents_of_commands_that_a_newcomer_types():
     """The examples of `rans COMMAND --help`, the demo and the check of the packages need no extra for agents."""
     texts = [
         str(vars(help)),
@@ -79,9 +78,7 @@ def test_the_core_has_the_agents_of_commands_that_a_newcomer_types() -> None:
     assert named - {"dock-port-2d"} <= {file.name for file in FOLDER.iterdir()}
 
 
-def test_without_the_second_distribution(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_without_the_second_distribution(monkeypatch, capsys):
     """Seven agents are left; any other is a sentence with the command that installs it."""
     monkeypatch.setattr("rans.pretrained.PACKAGE", "rans_agents_of_nobody")
     monkeypatch.setitem(EXTRAS, "rans_agents_of_nobody", "agents")
@@ -100,9 +97,7 @@ def test_without_the_second_distribution(
     )
 
 
-def test_an_agent_of_the_core_has_precedence(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_agent_of_the_core_has_precedence(tmp_path, monkeypatch):
     """Another package's folder adds agents, and replaces none; nothing in it is imported."""
     package = tmp_path / "rans_agents_of_somebody"
     shutil.copytree(FOLDER / "land-3d", package / "land-3d")
@@ -115,7 +110,7 @@ def test_an_agent_of_the_core_has_precedence(
     assert pretrained_folder("land-3d") == FOLDER / "land-3d"
 
 
-def test_both_distributions_have_one_version() -> None:
+def test_both_distributions_have_one_version():
     core = (ROOT / "pyproject.toml").read_text("utf-8")
     agents = (ROOT / "agents/pyproject.toml").read_text("utf-8")
     version = re.compile(r'^version = "(.+?)"', re.MULTILINE)

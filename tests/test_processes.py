@@ -52,14 +52,14 @@ def beats(folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_torch_has_one_thread_also_where_a_job_imports_it(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_torch_has_one_thread_also_where_a_job_imports_it(monkeypatch):
     """Two threads of a small network cost 5 s of processor time beside a first training, which waited for them."""
     monkeypatch.setenv("OMP_NUM_THREADS", "3")
     assert list(Workers(nothing, count=2).ordered(threads_of, [(), ()])) == ["1", "1"]
     assert os.environ["OMP_NUM_THREADS"] == "3"
 
 
-def test_a_script_needs_no_guard_and_its_own_classes_travel(tmp_path: Path) -> None:
+def test_a_script_needs_no_guard_and_its_own_classes_travel(tmp_path):
     """By Python's default each worker runs it from the top again, and starts workers, or prints once more."""
     script = tmp_path / "script.py"
     script.write_text("""
@@ -82,7 +82,7 @@ print([*Workers(dict, (), 2).ordered(added, [(Pair(1, 2),), (Pair(3, 4),)])])
     assert (ended.stdout, ended.stderr) == ("once\n[103, 107]\n", "")
 
 
-def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
+def test_an_interrupt_ends_the_jobs_at_work(tmp_path):
     """None of which would end by itself, nor would the processes."""
     with pytest.raises(KeyboardInterrupt), Processes(1) as pool:  # noqa: PT012
         for number in range(12):
@@ -93,7 +93,7 @@ def test_an_interrupt_ends_the_jobs_at_work(tmp_path: Path) -> None:
     assert 1 <= len(list(tmp_path.glob("begun *"))) <= 3
 
 
-def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
+def test_an_interrupt_in_the_middle_of_an_answer(tmp_path):
     """Whoever reads it must not wait for its other half; if that fails, this test never ends."""
     with pytest.raises(KeyboardInterrupt), Processes(1) as pool:  # noqa: PT012
         pool.submit(half_answers, tmp_path)
@@ -103,9 +103,7 @@ def test_an_interrupt_in_the_middle_of_an_answer(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("other_thread", [False, True])
-def test_an_interrupt_while_a_process_starts_is_heard_when_it_has(
-    other_thread: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_interrupt_while_a_process_starts_is_heard_when_it_has(other_thread, monkeypatch):
     """Neither lost nor in between, whichever thread the system tells."""
     now = threading.Event()
     teller = threading.Thread(target=lambda: now.wait() and signal.raise_signal(signal.SIGINT))
@@ -140,7 +138,7 @@ with Processes(1) as pool:
 """
 
 
-def test_a_worker_in_its_job_ends_with_a_parent_that_is_killed(tmp_path: Path) -> None:
+def test_a_worker_in_its_job_ends_with_a_parent_that_is_killed(tmp_path):
     """No signal can be caught then: without its guard the worker would beat for ever."""
     env = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
     with subprocess.Popen([sys.executable, "-c", WORKS, tmp_path], env=env) as parent:
@@ -173,7 +171,7 @@ def dies(_: list[int], number: int) -> int:
 
 
 @pytest.mark.slow
-def test_workers_make_their_state_once_and_answer_every_job() -> None:
+def test_workers_make_their_state_once_and_answer_every_job():
     workers = Workers(counted_from, (10,), 2)
     jobs = [(k,) for k in range(6)]
     answers = [*workers.ordered(counts, jobs)]
@@ -185,13 +183,13 @@ def test_workers_make_their_state_once_and_answer_every_job() -> None:
     assert {k: number for k, (_, number) in ended.items()} == {k: k for k in range(6)}
 
 
-def test_one_worker_is_this_process() -> None:
+def test_one_worker_is_this_process():
     [(number, pid)] = Workers(counted_from, (0,), 1).finished(lambda *_: os.getpid(), [(5,)])
     assert (number, pid) == (0, os.getpid())
 
 
 @pytest.mark.slow
-def test_a_worker_that_dies_is_an_error_or_an_answer() -> None:
+def test_a_worker_that_dies_is_an_error_or_an_answer():
     workers = Workers(counted_from, (0,), 2, "counted")
     with pytest.raises(RansError, match="a worker that counted was lost: BrokenProcessPool"):
         list(workers.ordered(dies, [(0,), (1,)]))

@@ -311,7 +311,7 @@ def readers() -> set[str]:
     return found
 
 
-def test_every_reader_answers() -> None:
+def test_every_reader_answers():
     check_complete(ANSWERS)
     found = readers()
     assert {"read_opm", "read_foreign", "read_policy", "read_config"} <= found  # the scan works
@@ -320,10 +320,10 @@ def test_every_reader_answers() -> None:
     assert not silent, f"answer the questions for {silent}"
 
 
-def test_every_package_with_readers_has_answers() -> None:
+def test_every_package_with_readers_has_answers():
     assert PACKAGES.keys() == {"any_craft", "proof", "robot"}
 
 
 @pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
-def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
+def test_a_file_that_means_something_else(reader, question, tmp_path):
     check_said(ANSWERS, reader, question, tmp_path)

@@ -54,7 +54,7 @@ def opens(text: str) -> list[str]:
     return found
 
 
-def test_files_are_opened_by_the_readers_alone() -> None:
+def test_files_are_opened_by_the_readers_alone():
     used = set()
     for name, file in sources():
         if name in TABLES["readers"]:
@@ -76,11 +76,11 @@ def test_files_are_opened_by_the_readers_alone() -> None:
         "safetensors.torch.load_file(name)",
     ],
 )
-def test_what_would_be_seen(text: str) -> None:
+def test_what_would_be_seen(text):
     assert opens(text)
 
 
-def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_pipe_is_refused_at_once(tmp_path):
     pipe = tmp_path / "pipe"
     os.mkfifo(pipe)
     bounded = lambda x: read_bytes(x, 1)  # noqa: E731

@@ -74,7 +74,7 @@ def rows(page: Path, heading: str, place: int = 0) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[first:end]]
 
 
-def test_examples_of_the_python_page_run() -> None:
+def test_examples_of_the_python_page_run():
     names: dict[str, Any] = {}
     for example in blocks(ROOT / "docs" / "python.md", "python"):
         exec(example, names)
@@ -94,8 +94,8 @@ def own_tasks() -> dict[str, Any]:
 
 
 def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves(
-    own_tasks: dict[str, Any],
-) -> None:
+    own_tasks,
+):
     task = own_tasks["Meet"]()
     flight = fly(CRAFT, task, rans.LQR(CRAFT, task), scenarios(task, CRAFT, 0, 4), Timing())
     moved = flight.goals.p - map_leaves(lambda x: x[0], flight.goals.p)
@@ -105,8 +105,8 @@ def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves(
 
 
 def test_the_mission_of_the_page_of_own_tasks_is_won(
-    own_tasks: dict[str, Any],
-) -> None:
+    own_tasks,
+):
     """By LQR, which comes to rest at the point: softly, and long before the time is up."""
     task = own_tasks["Dock"]()
     with pytest.warns(UserWarning, match="constraints"):
@@ -121,9 +121,7 @@ def test_the_mission_of_the_page_of_own_tasks_is_won(
 
 
 @pytest.mark.usefixtures("forgotten")
-def test_the_environments_of_the_page_of_own_tasks_are_made(
-    here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_environments_of_the_page_of_own_tasks_are_made(here, monkeypatch):
     page = ROOT / "docs" / "own_task.md"
     example, *_ = blocks(page, "python")
     (here / "meet.py").write_text(example, "utf-8")
@@ -136,7 +134,7 @@ def test_the_environments_of_the_page_of_own_tasks_are_made(
     assert tasks == (names["Meet"](),) * 3
 
 
-def test_the_python_page_has_every_function() -> None:
+def test_the_python_page_has_every_function():
     told = [
         row[0].strip("`").removeprefix("rans.").partition("(")[0]
         for row in rows(ROOT / "docs" / "python.md", "function")
@@ -151,7 +149,7 @@ def test_the_python_page_has_every_function() -> None:
     )
 
 
-def test_examples_of_the_environments_page_run() -> None:
+def test_examples_of_the_environments_page_run():
     examples = blocks(ROOT / "docs" / "environments.md", "python")
     assert len(examples) == 4
     names: dict[str, Any] = {}
@@ -165,7 +163,7 @@ def test_examples_of_the_environments_page_run() -> None:
     names["env"].close()
 
 
-def test_the_example_of_the_readme_says_what_it_prints(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_example_of_the_readme_says_what_it_prints(capsys):
     (example,) = blocks(ROOT / "README.md", "python")
     names: dict[str, Any] = {}
     exec(example, names)
@@ -207,7 +205,7 @@ def check_changes(task: str, arguments: list[str]) -> None:
             change_entry(table, *change.split("=", 1))
 
 
-def test_commands_parse() -> None:
+def test_commands_parse():
     refused = []
     for line in sorted(commands()):
         arguments = shlex.split(line, comments=True)[1:]
@@ -221,7 +219,7 @@ def test_commands_parse() -> None:
     assert not refused
 
 
-def test_links_lead_somewhere() -> None:
+def test_links_lead_somewhere():
     lost = [
         (page.relative_to(ROOT).as_posix(), target)
         for page in (
@@ -235,7 +233,7 @@ def test_links_lead_somewhere() -> None:
     assert not lost
 
 
-def test_every_module_at_the_top_of_the_package_has_a_line_in_the_architecture() -> None:
+def test_every_module_at_the_top_of_the_package_has_a_line_in_the_architecture():
     """A stranger could not find out what belongs into `rans/environment.py`."""
     rooms = (ROOT / "docs" / "architecture.md").read_text("utf-8")
     modules = [file.name for file in (ROOT / "rans").glob("*.py") if file.name[0] != "_"]
@@ -248,7 +246,7 @@ def headings(page: Path) -> set[str]:
     return {re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
-def test_what_names_a_decision_leads_to_one() -> None:
+def test_what_names_a_decision_leads_to_one():
     """In pages, code and data: the page exists, and so does the heading that a link names."""
     named = re.compile(r"decisions/([\w-]+\.\w+)(?:#([\w-]+))?")
     anchors = {page.name: headings(page) for page in DECISIONS}
@@ -269,13 +267,13 @@ def test_what_names_a_decision_leads_to_one() -> None:
             assert not heading or heading in anchors[name], f"{file.relative_to(ROOT)}: #{heading}"
 
 
-def test_the_rooms_are_there() -> None:
+def test_the_rooms_are_there():
     for room, _ in rows(ROOT / "docs" / "architecture.md", "room"):
         for name in re.findall(r"`([^`]+)`", room):
             assert (ROOT / name).exists(), name
 
 
-def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
+def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys():
     page = ROOT / "docs" / "spacecraft.md"
     toml, *_ = blocks(page, "toml")
     craft = parse_spacecraft(
@@ -294,7 +292,7 @@ def test_the_spacecraft_page_has_a_spacecraft_and_all_its_keys() -> None:
     assert keys == {several.get(field.name, field.name) for field in dataclasses.fields(Spacecraft)}
 
 
-def test_the_conditions_page_names_all_keys_and_files() -> None:
+def test_the_conditions_page_names_all_keys_and_files():
     page = ROOT / "docs" / "conditions.md"
     named = {key for row in rows(page, "table") for key in re.findall(r"[a-z_]+", " ".join(row))}
     for key, _ in described(Conditions()):
@@ -317,7 +315,7 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
             yield place + one.name, (plain, told[one.name])
 
 
-def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
+def test_the_pages_of_training_have_the_settings_with_their_defaults():
     of: dict[str, Any] = {
         "": training("go-to-pose", device="cpu"),
         "ppo": PPOSettings(),
@@ -340,7 +338,7 @@ def test_the_pages_of_training_have_the_settings_with_their_defaults() -> None:
         ), key
 
 
-def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
+def test_the_tasks_page_has_the_observation_and_the_rewards():
     page = ROOT / "docs" / "tasks.md"
     task = GoToPose()
     columns = [(str(k), *column) for k, column in enumerate(observation_columns(task, 2))]
@@ -358,7 +356,7 @@ def test_the_tasks_page_has_the_observation_and_the_rewards() -> None:
         assert f"{value:g}" in told[term]
 
 
-def test_extras_that_errors_and_pages_name_exist() -> None:
+def test_extras_that_errors_and_pages_name_exist():
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"][
         "optional-dependencies"
     ]
@@ -384,7 +382,7 @@ OF_OTHERS = {
 """Variables that torchrun and the desktop set, and no user."""
 
 
-def test_environment_variables_are_listed() -> None:
+def test_environment_variables_are_listed():
     """All that the sources read by name, except those of launchers."""
     texts = [file.read_text("utf-8") for _, file in sources()]
     read = {

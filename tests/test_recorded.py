@@ -27,7 +27,7 @@ def shipped(request: pytest.FixtureRequest) -> tuple[str, Flight]:
     return request.param, flown(request.param)
 
 
-def test_a_shipped_agent_gives_the_recorded_commands(shipped: tuple[str, Flight]) -> None:
+def test_a_shipped_agent_gives_the_recorded_commands(shipped):
     before = recorded(shipped[0])[: CUT.get(shipped[0])]
     count = before.shape[1]
     now = shipped[1].commands[:, :count]
@@ -45,7 +45,7 @@ def test_a_shipped_agent_gives_the_recorded_commands(shipped: tuple[str, Flight]
 @pytest.mark.parametrize(
     "shipped", [name for name in pretrained_names() if name not in CUT], indirect=True
 )
-def test_an_agent_is_worth_what_its_card_says(shipped: tuple[str, Flight]) -> None:
+def test_an_agent_is_worth_what_its_card_says(shipped):
     """In a perfect world, also if it is for another, which takes minutes: it misses a goal rarely then."""
     name, flight = shipped
     spec = f"pretrained:{name}"

@@ -11,7 +11,6 @@ import doctest
 import functools
 import re
 import shlex
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -53,17 +52,13 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize(("line", "words"), COMMANDS)
-def test_a_command_is_refused_in_a_sentence_and_writes_nothing(
-    line: str, words: str, refused: Callable[..., str], here: Path
-) -> None:
+def test_a_command_is_refused_in_a_sentence_and_writes_nothing(line, words, refused, here):
     assert words in refused("", *shlex.split(line))
     assert list(here.iterdir()) == []
 
 
 @pytest.mark.parametrize(("file", "row"), ROWS)
-def test_a_sentence_names_what_is_wrong(
-    file: Path, row: doctest.Example, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sentence_names_what_is_wrong(file, row, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     names = prepared(file)
     kind, words = row.want.rstrip("\n").split(": ", 1)

@@ -62,7 +62,7 @@ def registry() -> Registry[int]:
 BYTE = 8
 
 
-def test_names_import_nothing_until_they_are_used(install: Install) -> None:
+def test_names_import_nothing_until_they_are_used(install):
     install("offer", seven="offer:number", broken="nowhere:x")
     found = registry()
     assert list(found) == ["byte", "broken", "seven"]
@@ -88,9 +88,7 @@ def test_names_import_nothing_until_they_are_used(install: Install) -> None:
         ("offer:text", "of the package offer cannot be used: it is no number, got 'seven'"),
     ],
 )
-def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(
-    install: Install, entry: str, said: str
-) -> None:
+def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(install, entry, said):
     install("offer", seven="offer:number", bad=entry)
     found = registry()
     assert (found["byte"], found["seven"], len(found)) == (8, 7, 3)
@@ -101,7 +99,7 @@ def test_a_broken_package_is_one_sentence_and_breaks_nothing_else(
 @pytest.mark.parametrize(
     "ending", ["sys.exit(0)", "sys.exit('no licence')", "raise BaseException('no')"]
 )
-def test_a_package_that_ends_the_process_is_named(install: Install, ending: str) -> None:
+def test_a_package_that_ends_the_process_is_named(install, ending):
     install("quitter", f"import sys\n{ending}\n", early="quitter:number")
     with pytest.raises(ConfigError, match="'early' of the package quitter cannot be used"):
         registry()["early"]
@@ -110,9 +108,7 @@ def test_a_package_that_ends_the_process_is_named(install: Install, ending: str)
 @pytest.mark.parametrize(
     "line", ["eight", "eig\x1b[2Jht = careless:number", f"{'8' * 101} = careless:number"]
 )
-def test_a_line_without_an_equals_sign_or_a_name_breaks_no_other_package(
-    line: str, install: Install, tmp_path: Path
-) -> None:
+def test_a_line_without_an_equals_sign_or_a_name_breaks_no_other_package(line, install, tmp_path):
     install("careful", seven="careful:number")
     install("careless", eight="careless:number")
     (tmp_path / "careless-1.0.dist-info/entry_points.txt").write_text(f"[numbers]\n{line}\n")
@@ -121,8 +117,8 @@ def test_a_line_without_an_equals_sign_or_a_name_breaks_no_other_package(
 
 
 def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(
-    install: Install,
-) -> None:
+    install,
+):
     install("one", same="one:number", byte="one:number")
     install("two", same="two:number")
     found = registry()
@@ -132,8 +128,8 @@ def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in
 
 
 def test_where_names_are_shared_every_package_counts_and_a_broken_one_is_named(
-    install: Install,
-) -> None:
+    install,
+):
     install("one", same="one:number", byte="one:number")
     install("two", "number = 9", same="two:number")
     assert [*registry().each()] == [("byte", 8), ("same", 7), ("same", 9)]
@@ -142,7 +138,7 @@ def test_where_names_are_shared_every_package_counts_and_a_broken_one_is_named(
         [*registry().each()]
 
 
-def test_objects_of_the_current_folder(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_objects_of_the_current_folder(here, monkeypatch):
     (here / "beside_me.py").write_text("class Inner:\n    four = 4\n")
     monkeypatch.setattr(sys, "path", list(sys.path))
     found = registry()
@@ -154,9 +150,7 @@ def test_objects_of_the_current_folder(here: Path, monkeypatch: pytest.MonkeyPat
         found[typed("beside_me:five")]
 
 
-def test_modules_of_the_current_folder_take_nobodys_place(
-    here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_modules_of_the_current_folder_take_nobodys_place(here, monkeypatch):
     """A stranger's module of the name of an installed one, which nothing has imported yet."""
     assert "this" not in sys.modules
     (here / "this.py").write_text("")
@@ -178,8 +172,8 @@ class NotMade:
 
 
 def test_a_name_of_a_file_is_refused_until_the_user_types_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     monkeypatch.setattr("rans.registry._typed", set())
     name = "tests.test_registry:BYTE"
     for trust in ("", "0", "no", "true"):
@@ -195,7 +189,7 @@ def test_a_name_of_a_file_is_refused_until_the_user_types_it(
     assert found[name] == 8
 
 
-def test_registered_in_python() -> None:
+def test_registered_in_python():
     found = registry()
     assert found.register("two")(2) == 2
     assert (found["two"], list(found)) == (2, ["byte", "two"])
@@ -271,12 +265,12 @@ def no_task() -> None:
     """Settings need fields."""
 
 
-def test_a_task_by_its_module() -> None:
+def test_a_task_by_its_module():
     assert TASKS[typed("tests.test_registry:Far")] is Far
 
 
 @pytest.mark.usefixtures("forgotten")
-def test_a_registered_task_has_gymnasium_ids() -> None:
+def test_a_registered_task_has_gymnasium_ids():
     TASKS.register("far-away")(GoToPose)
     TASKS.register("far-away")(Far)  # a notebook's cell may run twice, with another class
     assert {"rans/FarAway2D-Drake-v0", "rans/FarAway3D-Drake-v0"} <= gymnasium.registry.keys()
@@ -304,7 +298,7 @@ assert not {{"torch", "pydrake", "casadi", "rocketry"}} & sys.modules.keys()
 """
 
 
-def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: Path) -> None:
+def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path):
     info = tmp_path / "rocketry-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: rocketry\nVersion: 1.0\n")
@@ -316,7 +310,7 @@ def test_start_up_knows_the_names_of_packages_without_importing_them(tmp_path: P
     printed("-c", WITHOUT.format(str(tmp_path)))
 
 
-def test_names_of_the_distribution_of_rans_are_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_names_of_the_distribution_of_rans_are_its_own(monkeypatch):
     """No other package replaces one, and none is called a package's."""
     entries = [
         EntryPoint("same", value, "numbers")._for(SimpleNamespace(name=name))  # pyrefly: ignore[missing-attribute]

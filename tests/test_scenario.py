@@ -33,7 +33,7 @@ def draws(seed: int, episodes: Any, count: int, dtype: Any = np.float64) -> np.n
 
 
 @given(words, words, words, words)
-def test_hash_is_the_published_one(a: int, b: int, c: int, d: int) -> None:
+def test_hash_is_the_published_one(a, b, c, d):
     """PCG4D in unsigned arithmetic of any size, cut to 32 bits: the listing of the JCGT paper."""
     v = [(x * 1664525 + 1013904223) % 2**32 for x in (a, b, c, d)]
 
@@ -48,7 +48,7 @@ def test_hash_is_the_published_one(a: int, b: int, c: int, d: int) -> None:
     assert [int(x.view(np.uint32)[0]) for x in hash4(*signed)] == v
 
 
-def test_scenarios_are_for_ever() -> None:
+def test_scenarios_are_for_ever():
     """Published results name a seed and an episode: these numbers may never change.
 
     The first word, -298708583, is 0.93045 of the unit interval, a bearing of 2.7046 rad.
@@ -62,7 +62,7 @@ def test_scenarios_are_for_ever() -> None:
 
 
 @pytest.mark.parametrize("seed", SEEDS)
-def test_a_scenario_is_the_same_alone_in_a_batch_and_in_torch(seed: int) -> None:
+def test_a_scenario_is_the_same_alone_in_a_batch_and_in_torch(seed):
     """Unit draws to the last bit, whatever the batch, dtype and library."""
     torch = pytest.importorskip("torch")
     episodes = np.arange(1000, dtype=np.int32) * 2_000_003 - 1_000_000_000
@@ -90,16 +90,16 @@ def test_a_scenario_is_the_same_alone_in_a_batch_and_in_torch(seed: int) -> None
         (7 * 2**32 - 1, -1, 6),
     ],
 )
-def test_a_seed_is_two_signed_words(seed: int, low: int, high: int) -> None:
+def test_a_seed_is_two_signed_words(seed, low, high):
     assert seed_words(seed) == (low, high)
 
 
-def test_scenario_gives_plain_numbers() -> None:
+def test_scenario_gives_plain_numbers():
     one = scenario(GoToPose(), 3, seed=5, episode=4)
     assert {type(x) for x in (*leaves(one.start), *leaves(one.goal))} == {float}
 
 
-def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None:
+def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds():
     """A mission's deadline is a note of its goal: it is sampled, whatever start and goal are."""
     craft = load_spacecraft("afrl-12kg")
     sampled = scenarios(Dock(), craft, 7, 3)
@@ -112,7 +112,7 @@ def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds() -> None
     assert Endpoints(goal=own.goal).start is None
 
 
-def test_zones_of_a_user_stand_still_and_the_last_fills_up() -> None:
+def test_zones_of_a_user_stand_still_and_the_last_fills_up():
     task = rans.load_task("avoid")
     craft = load_spacecraft("floating-platform")
     sampled = scenarios(task, craft, seed=7, count=2)

@@ -6,7 +6,6 @@ import random
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
 from threading import Thread
 from typing import Any
 
@@ -80,7 +79,7 @@ def usual() -> tuple[list[float], np.ndarray]:
 
 
 @pytest.mark.parametrize("name", SWITCHES)
-def test_flights_and_environments(name: str, usual: tuple[list[float], np.ndarray]) -> None:
+def test_flights_and_environments(name, usual):
     with SWITCHES[name]():
         agent = rans.load_agent("go-to-pose-2d")
         rows = table(agent)
@@ -91,7 +90,7 @@ def test_flights_and_environments(name: str, usual: tuple[list[float], np.ndarra
 
 
 @pytest.mark.slow
-def test_a_training_and_its_report(tmp_path: Path) -> None:
+def test_a_training_and_its_report(tmp_path):
     """With all that a user may set at once but the device, from which no report could read."""
     files = []
     for run in (tmp_path / "a", tmp_path / "b"):
@@ -106,7 +105,7 @@ def test_a_training_and_its_report(tmp_path: Path) -> None:
         torch.testing.assert_close(second["weights"][key], weights, rtol=0, atol=0)
 
 
-def test_random_numbers_of_a_user_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_numbers_of_a_user_go_on(monkeypatch):
     """Libraries draw some when they are imported, such as rich."""
     for module in [name for name in sys.modules if name.partition(".")[0] == "rich"]:
         monkeypatch.delitem(sys.modules, module)
@@ -116,7 +115,7 @@ def test_random_numbers_of_a_user_go_on(monkeypatch: pytest.MonkeyPatch) -> None
     assert random.getstate() == before
 
 
-def test_calls_of_several_threads_restore_a_users_type() -> None:
+def test_calls_of_several_threads_restore_a_users_type():
     seen: set[torch.dtype] = set()
 
     @settled
@@ -134,7 +133,7 @@ def test_calls_of_several_threads_restore_a_users_type() -> None:
     assert seen == {torch.float32}
 
 
-def test_equal_agents_are_equal_files() -> None:
+def test_equal_agents_are_equal_files():
     """The library orders its metadata by a hash with another seed in every call."""
     tree = {"b": torch.arange(3), "é": 1, "a": {"x": torch.ones(2, 2), "y": [torch.zeros(1)]}}
     contents = {pack_tensors(tree) for _ in range(20)}  # in the library's order they are two

@@ -24,7 +24,7 @@ def solved(text: str) -> list[float]:
 
 
 @pytest.mark.slow
-def test_ppo_in_one_file_learns(tmp_path: Path) -> None:
+def test_ppo_in_one_file_learns(tmp_path):
     """A quarter of its steps: episodes that succeed were none at first."""
     lines = ran("ppo.py", tmp_path, "--steps", "800000", "--device", "cpu").splitlines()
     rates = [float(re.findall(r"([\d.]+)% of", line)[0]) for line in lines if "% of" in line]
@@ -34,23 +34,23 @@ def test_ppo_in_one_file_learns(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_controller_of_ones_own_flies_beside_lqr(tmp_path: Path) -> None:
+def test_a_controller_of_ones_own_flies_beside_lqr(tmp_path):
     own, _ = solved(ran("controller.py", tmp_path))
     assert own > 95.0
 
 
 @pytest.mark.slow
-def test_a_task_of_ones_own_is_learnt(tmp_path: Path) -> None:
+def test_a_task_of_ones_own_is_learnt(tmp_path):
     assert solved(ran("task.py", tmp_path))[0] > 90.0
 
 
 @pytest.mark.slow
-def test_a_learner_of_ones_own_learns(tmp_path: Path) -> None:
+def test_a_learner_of_ones_own_learns(tmp_path):
     assert solved(ran("learner.py", tmp_path))[0] > 30.0
 
 
 @pytest.mark.slow
 @pytest.mark.skipif(importlib.util.find_spec("jax") is None, reason="jax is not installed")
-def test_a_policy_in_jax_flies_on_shared_memory(tmp_path: Path) -> None:
+def test_a_policy_in_jax_flies_on_shared_memory(tmp_path):
     [rate] = re.findall(r"([\d.]+)% of 4,096", ran("jax_policy.py", tmp_path))
     assert float(rate) > 95.0

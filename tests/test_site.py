@@ -61,7 +61,7 @@ def generated_pages() -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_every_page_is_in_one_table_of_contents(generated_pages: dict[str, str]) -> None:
+def test_every_page_is_in_one_table_of_contents(generated_pages):
     generated = {Path(name).with_suffix("").as_posix() for name in generated_pages}
     reached = ["index"]
     for page in reached:
@@ -85,8 +85,8 @@ def test_every_page_is_in_one_table_of_contents(generated_pages: dict[str, str])
 
 @pytest.mark.slow
 def test_the_reference_has_every_public_name_command_task_and_spacecraft(
-    generated_pages: dict[str, str],
-) -> None:
+    generated_pages,
+):
     REFERENCE.check_api()
     made = generated_pages
     for name in REFERENCE.COMMANDS:
@@ -97,13 +97,13 @@ def test_the_reference_has_every_public_name_command_task_and_spacecraft(
         assert f"## {name}\n" in made["spacecraft.md"]
 
 
-def test_the_example_of_states_runs() -> None:
+def test_the_example_of_states_runs():
     finder = doctest.DocTestParser()
     example = finder.get_doctest(STATES.EXAMPLE, {}, "EXAMPLE", None, None)
     assert doctest.DocTestRunner().run(example) == (0, 9)
 
 
-def test_every_hidden_word_is_of_one_page() -> None:
+def test_every_hidden_word_is_of_one_page():
     words = [word for several in SEARCH.WORDS.values() for word in several]
     assert len(set(words)) == len(words)
     assert all(word == word.lower().strip() and not set(";!") & set(word) for word in words)
@@ -114,12 +114,12 @@ def test_every_hidden_word_is_of_one_page() -> None:
     assert {word.lower() for word in (*found_nothing.split(), *found_records)} <= set(words)
 
 
-def test_pages_that_are_exempt_exist() -> None:
+def test_pages_that_are_exempt_exist():
     for name in PROSE.NOT_YET:
         assert (ROOT / name).exists(), f"{name} is gone: remove it from NOT_YET"
 
 
-def test_foreign_addresses_that_a_page_would_fetch_are_seen() -> None:
+def test_foreign_addresses_that_a_page_would_fetch_are_seen():
     fetched = extension("self_contained").fetched
     assert fetched('<link href="https://fonts.example/a.css" rel="stylesheet">')
     assert fetched("@font-face { src: url(//cdn.example/a.woff) }")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -71,16 +70,14 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> None:
         registry.register(name)(value)
 
 
-def test_an_effector_without_a_store_is_left_out_of_an_oracle_that_cannot_have_it() -> None:
+def test_an_effector_without_a_store_is_left_out_of_an_oracle_that_cannot_have_it():
     *_, last = oracle_checks(CRAFT, 1, 4)
     assert isinstance(last, Skipped)
     assert last.name == "DOP853"
 
 
 @pytest.mark.usefixtures("installed")
-def test_its_commands_kind_and_learner_are_listed(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_its_commands_kind_and_learner_are_listed(monkeypatch, capsys):
     rows = {row[0]: row[1] for row in spacecraft_listing(CRAFT).rows}
     assert rows["command 8"] == "fan, from 0 to 1"
     assert "thrusters alone" in rows["1 m from rest to rest, at the quickest"]
@@ -92,7 +89,7 @@ def test_its_commands_kind_and_learner_are_listed(
     assert not [line for line in with_spacecraft(CRAFT, "blown.toml") if "lqr" in line]
 
 
-def test_trust_is_asked_for_what_no_package_has(request: pytest.FixtureRequest) -> None:
+def test_trust_is_asked_for_what_no_package_has(request):
     config = TrainConfig("go-to-pose", GoToPose(), "floating-platform")
     assert trust_option(config, CRAFT) == ["--trust"]
     request.getfixturevalue("installed")
@@ -100,7 +97,7 @@ def test_trust_is_asked_for_what_no_package_has(request: pytest.FixtureRequest) 
 
 
 @pytest.mark.usefixtures("installed")
-def test_rivals_that_nobody_asked_for_and_cannot_fly_are_one_sentence(tmp_path: Path) -> None:
+def test_rivals_that_nobody_asked_for_and_cannot_fly_are_one_sentence(tmp_path):
     file = tmp_path / "blown.toml"
     file.write_text(to_toml(CRAFT), "utf-8")
     who = f"still:go-to-pose-2d@{file}"

@@ -50,7 +50,7 @@ def imported_in(folder: Path, *command: str | Path) -> str:
     return text
 
 
-def test_python_m_rans(folder: Path) -> None:
+def test_python_m_rans(folder):
     """Except for what Python itself imports to find RANS, which nobody but ``python -P`` can help."""
     needed = printed("-P", "-c", "import runpy, sys; print(*sys.modules)")
     for name in needed.split():
@@ -67,7 +67,7 @@ with Processes(1) as pool:
 
 
 @pytest.mark.slow
-def test_worker_processes(folder: Path, tmp_path: Path) -> None:
+def test_worker_processes(folder, tmp_path):
     """Nor does the process that multiprocessing starts to keep account of what is shared."""
     script = tmp_path / "script.py"
     script.write_text(WORKERS)
@@ -82,9 +82,7 @@ print(*Workers(int, (), 2).ordered(act, [(1,)]))
 """
 
 
-def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(
-    folder: Path, tmp_path: Path
-) -> None:
+def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(folder, tmp_path):
     (folder / "my_plugin.py").write_text(
         "import random\n\ndef act(state, number):\n    return number + 41\n"
     )
@@ -94,7 +92,7 @@ def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(
 
 
 @pytest.mark.slow
-def test_machine_code_of_the_folder(folder: Path, tmp_path: Path) -> None:
+def test_machine_code_of_the_folder(folder, tmp_path):
     """Its settings would have numba take functions from a cache of the folder, whose files are pickles."""
     (folder / ".numba_config.yaml").write_text("cache_dir: kept\n")
     script = tmp_path / "script.py"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
 
 import pytest
 
@@ -14,7 +13,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.structure import read_toml
 
 
-def test_dots_elsewhere_are_no_keys() -> None:
+def test_dots_elsewhere_are_no_keys():
     numbers = [k + 0.5 for k in range(100)]
     dots = json.dumps("v 0.1 0.2 0.3\\n" * 1000 + "." * 100)
     table = read_toml(f"x = {numbers}\ny = {dots}  # {'.' * 100}\nz = '{'.' * 100}'\na.b.c = 1\n")
@@ -37,9 +36,7 @@ READERS = {
 
 @pytest.mark.parametrize("kind", FILES)
 @pytest.mark.parametrize("expected", READERS)
-def test_a_file_of_another_kind_is_called_by_its_kind(
-    kind: str, expected: str, tmp_path: Path
-) -> None:
+def test_a_file_of_another_kind_is_called_by_its_kind(kind, expected, tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(FILES[kind])
     if kind == expected:

@@ -12,7 +12,7 @@ from rans.table import Table
 from rans.terminal import Terminal, doing, progress, stages
 
 
-def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str]) -> None:
+def test_names_are_no_markup_and_no_commands(capsys):
     named = Table(("[/red]column", ""), [("\x1b[31mred[/]", ""), (False, "")], "[/bold]title")
     terminal = Terminal()
     terminal.table(named)
@@ -30,22 +30,20 @@ def test_names_are_no_markup_and_no_commands(capsys: pytest.CaptureFixture[str])
     assert "\x1b" not in printed
 
 
-def test_a_bar_takes_any_name() -> None:
+def test_a_bar_takes_any_name():
     with progress() as bars:
         bars.add_task("flying [/red]x", total=3)
         bars.console.print(bars.get_renderable())
 
 
-def test_long_values_are_cut() -> None:
+def test_long_values_are_cut():
     assert legible("é\tz\n\x1b[0m") == "é\\tz\n\\x1b[0m"
     cut = legible("x" * 10_000_000)
     assert cut == "x" * 2000 + " ... (10,000,000 characters)"
     assert legible("y" * 2000) == "y" * 2000
 
 
-def test_a_file_has_room(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_has_room(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     assert Terminal(room=110).width == 110
     assert Terminal().width == 40
@@ -59,9 +57,7 @@ ROWS = [
 
 
 @pytest.mark.parametrize("columns", [60, 100])
-def test_every_cell_of_a_table_is_there_once_and_whole(
-    columns: int, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_cell_of_a_table_is_there_once_and_whole(columns, capsys, monkeypatch):
     """In 60 columns, which are too few, a row is a block of lines."""
     monkeypatch.setenv("COLUMNS", str(columns))
     Terminal().table(Table(WIDE, ROWS, "Title"))
@@ -73,9 +69,7 @@ def test_every_cell_of_a_table_is_there_once_and_whole(
     assert max(map(len, text.splitlines())) <= columns
 
 
-def test_no_word_is_broken(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_word_is_broken(capsys, monkeypatch):
     """Cells break between words; a row without room for its longest words becomes a block of lines."""
     rows = [("engine", "floating-platform, 1,024 environments", "1,460", "steps/s")]
     for columns in (60, 40, 24):
@@ -88,9 +82,7 @@ def test_no_word_is_broken(
             assert word in words, (columns, text)
 
 
-def test_a_command_is_one_line_to_copy(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_is_one_line_to_copy(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     monkeypatch.setenv("FORCE_COLOR", "1")
     long = "rans view pretrained:go-to-pose-2d --episode 7 --seed 2023"
@@ -98,9 +90,7 @@ def test_a_command_is_one_line_to_copy(
     assert f"  {long}\n" in capsys.readouterr().out
 
 
-def test_a_sentence_breaks_between_words_on_a_terminal_only(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_sentence_breaks_between_words_on_a_terminal_only(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "20")
     Terminal().say("words that are many in a line")
     assert capsys.readouterr().out == "words that are many in a line\n"
@@ -155,9 +145,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 
 @pytest.mark.parametrize(("units", "said"), [(None, ""), (0, "certified bounds ...\n"), (1, "")])
-def test_a_stage_names_itself_in_a_log_before_its_first_unit(
-    units: int | None, said: str, clock: Clock, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_stage_names_itself_in_a_log_before_its_first_unit(units, said, clock, capsys):
     """Not where a unit was done in time, nor where the stage has ended without one (None)."""
     steps = [stages(progress())("certified bounds", 4)]
     if units:
@@ -168,7 +156,7 @@ def test_a_stage_names_itself_in_a_log_before_its_first_unit(
     assert capsys.readouterr().err == said
 
 
-def test_only_what_takes_long_is_a_line(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+def test_only_what_takes_long_is_a_line(clock, capsys):
     for seconds, said in ((5.0, ""), (15.0, "writing ...\n")):
         with doing("writing"):
             clock.passes(seconds)
@@ -179,9 +167,7 @@ def test_only_what_takes_long_is_a_line(clock: Clock, capsys: pytest.CaptureFixt
     assert capsys.readouterr().err == ""
 
 
-def test_units_of_minutes_tell_the_time_left_from_the_first_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_units_of_minutes_tell_the_time_left_from_the_first_on(monkeypatch, capsys):
     """By hand: three of four bounds take 100 s each; before the first nothing is known."""
     monkeypatch.setenv("FORCE_COLOR", "1")
     now = 0.0

@@ -88,7 +88,7 @@ def command(words: str) -> Callable[[], object]:
     return lambda: main(words.split())
 
 
-def test_the_module_would_run_if_it_were_typed(here: Path) -> None:
+def test_the_module_would_run_if_it_were_typed(here):
     """The traps of this file can close."""
     with pytest.raises(rans.ConfigError, match="a task must be a dataclass"):
         rans.load_task(EVIL)
@@ -142,12 +142,12 @@ def check_run(trained: Path, asks: list[Callable[[], object]], every: int) -> No
 
 
 @pytest.mark.slow
-def test_config_of_a_run(here: Path, trained: Path) -> None:
+def test_config_of_a_run(here, trained):
     check_run(trained, RUN[:2], 1)
 
 
 @pytest.mark.slow
-def test_config_of_a_run_with_every_command(here: Path, trained: Path) -> None:
+def test_config_of_a_run_with_every_command(here, trained):
     check_run(trained, [*RUN[2:], *MORE], len(RUN[2:]) + len(MORE))
 
 
@@ -163,7 +163,7 @@ RECIPE = {
 }
 
 
-def test_recipe(here: Path) -> None:
+def test_recipe(here):
     for _, changed in texts(copy.deepcopy(RECIPE)):
         Path("recipe.toml").write_text(toml(changed))
         call(command("train recipe.toml --set total_timesteps=1 --set ppo.n_envs=1 --output out"))
@@ -171,7 +171,7 @@ def test_recipe(here: Path) -> None:
         shutil.rmtree("out", ignore_errors=True)
 
 
-def test_spacecraft_and_conditions(here: Path) -> None:
+def test_spacecraft_and_conditions(here):
     craft = read_toml(
         Path(rans.__file__)
         .with_name("data")
@@ -202,7 +202,7 @@ CONTRACT = {
 }
 
 
-def test_contract_of_an_export(here: Path, trained: Path) -> None:
+def test_contract_of_an_export(here, trained):
     for _, changed in texts(CONTRACT):
         write_json(Path("shipped/contract.json"), changed)
         Path("shipped/agent.onnx").write_text("")
@@ -213,7 +213,7 @@ def test_contract_of_an_export(here: Path, trained: Path) -> None:
         call(command("fly shipped --bus udp --seconds 0.1"))
 
 
-def test_results(here: Path) -> None:
+def test_results(here):
     more = {
         "card.json": {"training": "x", "agent": "y"},
     }
@@ -224,7 +224,7 @@ def test_results(here: Path) -> None:
             call(command("report results"))
 
 
-def test_tuned_settings(here: Path) -> None:
+def test_tuned_settings(here):
     table = json.loads(TUNED.read_text())
     setup = Setup(rans.load_spacecraft("floating-platform"), rans.GoToPose(), rans.Timing())
     for _, changed in texts(table):
@@ -232,7 +232,7 @@ def test_tuned_settings(here: Path) -> None:
         call(lambda: Tuned.read(Path("lqr.json")).fits("lqr", setup))
 
 
-def test_plan_of_a_bag(here: Path, trained: Path) -> None:
+def test_plan_of_a_bag(here, trained):
     pytest.importorskip("mcap")
     bags = pytest.importorskip("rans_robot.bag")
     messages = pytest.importorskip("rans_robot.messages")

@@ -27,7 +27,7 @@ LIBRARIES = {
 SHARED = {"shared", "table"}
 
 
-def test_every_example_is_run() -> None:
+def test_every_example_is_run():
     assert {file.stem for file in FOLDER.glob("*.py")} == LIBRARIES.keys() | SHARED
 
 
@@ -41,7 +41,7 @@ def test_every_example_is_run() -> None:
         ("sb3-td3", str(FOLDER / "throttled-platform.toml")),
     ],
 )
-def test_a_saved_agent_flies_without_its_trainer(name: str, craft: str) -> None:
+def test_a_saved_agent_flies_without_its_trainer(name, craft):
     pytest.importorskip("onnxruntime")
     agent = f"onnx:{FOLDER / 'agents' / name}.onnx:go-to-pose-2d@{craft}"
     # The environments of its training act every 0.2 s.
@@ -51,7 +51,7 @@ def test_a_saved_agent_flies_without_its_trainer(name: str, craft: str) -> None:
 @pytest.mark.slow
 @pytest.mark.trainers
 @pytest.mark.parametrize("name", LIBRARIES)
-def test_it_trains_and_is_judged(name: str, tmp_path: Path) -> None:
+def test_it_trains_and_is_judged(name, tmp_path):
     """One rollout and its update, in a process of its own; then its agent flies in RANS, also from its file."""
     if importlib.util.find_spec(LIBRARIES[name]) is None:
         pytest.skip(f"{LIBRARIES[name]} is not installed")

@@ -9,7 +9,6 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -65,24 +64,24 @@ COMMANDS = [
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_file_runs_nobodys_module(run: Path, command: str, told: Any) -> None:
+def test_a_file_runs_nobodys_module(run, command, told):
     text = told(command)
     assert "to use it would run that module's code" in text
     assert "add --trust" in text
     assert not Path("ran").exists()
 
 
-def test_with_trust_it_does(run: Path) -> None:
+def test_with_trust_it_does(run):
     assert main(["train", "--resume", "run", "--trust"]) == 0
     assert Path("ran").exists()
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_such_command_can_be_told_to(command: str) -> None:
+def test_every_such_command_can_be_told_to(command):
     _parse([*command.split(), "--trust"])
 
 
-def test_a_module_that_is_loaded_is_not_thereby_trusted(run: Path) -> None:
+def test_a_module_that_is_loaded_is_not_thereby_trusted(run):
     """Somebody else may have loaded it, as torch is by every training."""
     __import__("strangers")
     with pytest.raises(ConfigError, match=r"from Python, call rans\.trust_files\(\) first"):
@@ -110,9 +109,7 @@ def write() -> None:
     ],
 )
 @pytest.mark.parametrize("entry", ["task", "spacecraft"])
-def test_a_file_calls_nothing_of_modules_that_are_loaded(
-    run: Path, reference: str, entry: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_calls_nothing_of_modules_that_are_loaded(run, reference, entry, capsys):
     table = json.loads((run / "config.json").read_text()) | {"task": "go-to-pose", entry: reference}
     write_json(Path("odd.json"), table)
     assert main(["train", "odd.json"]) == 2
@@ -126,7 +123,7 @@ class Own(GoToPose):
     """Of the program that runs."""
 
 
-def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
+def test_what_a_program_trained_itself_it_may_open(run):
     """It gave the class, so nothing runs that does not run anyway; other names stay refused."""
     agent = rans.train(
         Own(),
@@ -142,7 +139,7 @@ def test_what_a_program_trained_itself_it_may_open(run: Path) -> None:
 
 
 @pytest.mark.slow
-def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
+def test_trust_is_known_to_processes_that_are_started(run):
     trust_files()
     assert RunFolder(run).config().task == "strangers:Task"
     code = (
@@ -153,9 +150,7 @@ def test_trust_is_known_to_processes_that_are_started(run: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_typed_name_needs_no_trust_but_its_run_folder_does(
-    run: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_typed_name_needs_no_trust_but_its_run_folder_does(run, capsys, monkeypatch):
     command = (
         "train strangers:Task --spacecraft strangers:craft --device cpu --output mine "
         "--set total_timesteps=64 --set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 "

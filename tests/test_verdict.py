@@ -82,7 +82,7 @@ class History:
         return (Failure.UNSETTLED if not any(end) else Failure.LATE), math.inf
 
 
-def test_every_flight_is_judged_as_by_hand() -> None:
+def test_every_flight_is_judged_as_by_hand():
     history = History()
     with np.errstate(invalid="ignore"):
         verdict = history.verdict()
@@ -96,7 +96,7 @@ def test_every_flight_is_judged_as_by_hand() -> None:
     np.testing.assert_array_equal(verdict.failed, [kind in ended for kind, _ in expected])
 
 
-def test_sums_go_on_until_a_flight_ends() -> None:
+def test_sums_go_on_until_a_flight_ends():
     history = History()
     with np.errstate(invalid="ignore"):
         verdict = history.verdict()

@@ -12,7 +12,7 @@ from tests.support.processes import ROOT
 from tests.support.sources import sources
 
 
-def test_every_warning_has_a_class_of_rans() -> None:
+def test_every_warning_has_a_class_of_rans():
     others, count = [], 0
     for _, file in sources():
         text = file.read_text("utf-8")
@@ -29,7 +29,7 @@ def test_every_warning_has_a_class_of_rans() -> None:
     assert count > 15  # or the search itself is broken
 
 
-def test_warnings_of_rans_can_be_made_errors_and_those_of_others_left() -> None:
+def test_warnings_of_rans_can_be_made_errors_and_those_of_others_left():
     craft = rans.load_spacecraft("floating-platform")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

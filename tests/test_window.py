@@ -41,7 +41,7 @@ def next_frame(film: HTTPResponse) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(film.read(int(line.split()[1])))))
 
 
-def test_frames_reach_the_browser(window: Window, capsys: pytest.CaptureFixture[str]) -> None:
+def test_frames_reach_the_browser(window, capsys):
     with urllib.request.urlopen(window.url, timeout=PATIENCE) as page:
         assert b'<img src="/film"' in page.read()
     window.show(flat((200, 30, 30)))
@@ -52,7 +52,7 @@ def test_frames_reach_the_browser(window: Window, capsys: pytest.CaptureFixture[
             window.show(flat((30, 200, 30)))
 
 
-def test_frames_are_a_period_apart(window: Window, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_frames_are_a_period_apart(window, monkeypatch):
     """Each is a twentieth of a second after the one before; after a late one nobody hurries."""
     now = 100.0
 
@@ -74,7 +74,7 @@ def test_frames_are_a_period_apart(window: Window, monkeypatch: pytest.MonkeyPat
     ("host", "answered"),
     [("localhost:{}", True), ("127.0.0.1:{}", True), ("evil.example:{}", False), ("", False)],
 )
-def test_only_this_computer_may_be_asked_for(host: str, answered: bool, window: Window) -> None:
+def test_only_this_computer_may_be_asked_for(host, answered, window):
     """The request of a stranger's page has its own name, also where that leads to 127.0.0.1."""
     for url in (Served(lambda: "secret", PORTS).url, window.url):
         asked = urllib.request.Request(url, headers={"Host": host.format(url.rpartition(":")[2])})
@@ -86,7 +86,7 @@ def test_only_this_computer_may_be_asked_for(host: str, answered: bool, window: 
         assert (status == 200) is answered
 
 
-def test_a_taken_port_is_a_sentence() -> None:
+def test_a_taken_port_is_a_sentence():
     with socket.create_server(("localhost", 0)) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"port {port} of this computer, it is taken"):

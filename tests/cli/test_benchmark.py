@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -31,9 +30,7 @@ QUICK = ["floating-platform", "--quick"]
 
 
 @pytest.mark.slow
-def test_figures(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_figures(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("validation.speed.flights._UNITS", {2: (64,)})  # of three sizes
     file = tmp_path / "speed.json"
     assert main(["benchmark", *QUICK, "--output", str(file)]) == 0
@@ -66,9 +63,7 @@ def test_figures(
     )
 
 
-def test_interrupted_it_shows_and_writes_what_was_measured(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_interrupted_it_shows_and_writes_what_was_measured(capsys, tmp_path, monkeypatch):
     """Ctrl-C comes while the first agent is timed."""
 
     def measured(*_: object) -> Iterator[Measurement]:
@@ -99,7 +94,7 @@ def test_interrupted_it_shows_and_writes_what_was_measured(
     ]
 
 
-def test_without_a_compiler(refused: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_a_compiler(refused, monkeypatch):
     monkeypatch.delenv("CXX", raising=False)
     monkeypatch.setenv("PATH", "/nowhere")
     assert "needs a C++ compiler" in refused("benchmark")
@@ -113,9 +108,7 @@ def test_without_a_compiler(refused: Any, monkeypatch: pytest.MonkeyPatch) -> No
         ("cpu", True, (64,)),
     ],
 )
-def test_sizes(
-    device: str, quick: bool, expected: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_sizes(device, quick, expected, monkeypatch):
     """What was asked for, or what its help promises."""
     asked: list[tuple[Any, ...]] = []
     monkeypatch.setattr(

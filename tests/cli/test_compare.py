@@ -29,9 +29,7 @@ IDLE = "python:tests.support.policies:idle"
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_writes_page_and_numbers(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_writes_page_and_numbers(tmp_path, capsys, monkeypatch):
     options = f"--with lqr --episodes 3 --certified 0 --output {tmp_path}"
     command = f"compare lqr:go-to-pose-2d {IDLE} {options}".split()
     monkeypatch.setattr("sys.argv", ["rans", *command])
@@ -51,9 +49,7 @@ def test_writes_page_and_numbers(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_while_it_certifies_it_prints_what_is_finished(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, monkeypatch, capsys):
     def solve(contest: Contest, objective: Objective, *_: object) -> list[Relaxed]:
         return [Relaxed(objective, 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
 
@@ -75,8 +71,8 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(
 
 
 def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+    tmp_path, monkeypatch, capsys
+):
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
@@ -89,9 +85,7 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     assert "before the first contestant had flown: there is no comparison." in said
 
 
-def test_every_option_reaches_the_comparison(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_option_reaches_the_comparison(tmp_path, monkeypatch):
     def fill(comparison: Comparison, flying: Any, names: Any, **given: Any) -> None:
         contest = comparison.contest
         facts = contest.episodes, contest.seed, contest.engine
@@ -123,9 +117,7 @@ def test_every_option_reaches_the_comparison(
 
 
 @pytest.mark.slow
-def test_an_interrupt_of_the_page_leaves_the_data(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupt_of_the_page_leaves_the_data(monkeypatch, tmp_path, capsys):
     """The page is drawn last: scores are printed and written before."""
 
     def interrupted(*_: object) -> None:
@@ -150,14 +142,12 @@ def test_an_interrupt_of_the_page_leaves_the_data(
         ({"episodes": 8, "certified": 2}, (8, 2)),
     ],
 )
-def test_a_comparison_is_small_unless_it_is_asked_to_be_full(
-    options: dict[str, Any], starts: tuple[int, int]
-) -> None:
+def test_a_comparison_is_small_unless_it_is_asked_to_be_full(options, starts):
     command = Compare(("runs/a",), **options)
     assert starts_of(command.episodes, command.certified, command.full) == starts
 
 
-def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path: Path) -> None:
+def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path):
     def line(*contestants: str) -> str:
         names = [*map(ContestantName.parse, contestants)]
         return without_training(names, contest_of(names[0], 1))
@@ -176,8 +166,8 @@ def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path: Path) -> 
 
 
 def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_frugal(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     own = tmp_path / "mine.toml"
     own.write_text(to_toml(load_spacecraft("floating-platform")))
     names = at_values(ContestantName.parse(str(own)))
@@ -194,7 +184,7 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
     assert {one.knows for one in found} == {"state, exact model"}
 
 
-def test_next_commands_have_the_options_of_the_comparison() -> None:
+def test_next_commands_have_the_options_of_the_comparison():
     """As far as they have them: a page has no bounds, and a stress test no seed."""
     options: dict[str, Any] = {"seed": 3, "engine": "drake", "episodes": 7, "certified": 0}
     command = Compare(("runs/a", "lqr"), beside=("mpc",), output=Path("o"), **options)

@@ -40,7 +40,7 @@ def function(length: int, *, width: float = 0.5, trust: bool = False) -> float:
     return length * width if trust else 0.0
 
 
-def test_every_command_with_a_function_is_a_door() -> None:
+def test_every_command_with_a_function_is_a_door():
     """The rest has no function: they print what is there, or run a campaign."""
     assert {*COMMANDS} - {*DOORS} == {"dossier", "list", "reproduce"}
     for each in DOORS.values():
@@ -49,7 +49,7 @@ def test_every_command_with_a_function_is_a_door() -> None:
 
 
 @pytest.mark.parametrize("name", DOORS)
-def test_an_argument_has_one_default_and_one_text(name: str) -> None:
+def test_an_argument_has_one_default_and_one_text(name):
     """The text of help is that of the docstring, which nothing else declares."""
     door = DOORS[name]
     declared = inspect.unwrap(door.function)
@@ -66,7 +66,7 @@ def test_an_argument_has_one_default_and_one_text(name: str) -> None:
             assert text[1:60] in told[option], option
 
 
-def test_annotations_may_be_types_or_texts() -> None:
+def test_annotations_may_be_types_or_texts():
     """As a module without `from __future__ import annotations` has them."""
     names: dict[str, Any] = {}
     source = 'def double(length: int = 3) -> int:\n    """Double.\n\n    Args:\n        length: of it.\n    """'
@@ -79,7 +79,7 @@ def test_annotations_may_be_types_or_texts() -> None:
     assert {field.name: field.default for field in dataclasses.fields(Double)}["length"] == 3
 
 
-def test_what_python_declares_cannot_be_declared_again() -> None:
+def test_what_python_declares_cannot_be_declared_again():
     """Neither with another default nor under another text."""
     with pytest.raises(TypeError, match="Twice declares width of its function again"):
 
@@ -88,7 +88,7 @@ def test_what_python_declares_cannot_be_declared_again() -> None:
             width: float = 0.5
 
 
-def test_an_argument_without_a_text_is_refused() -> None:
+def test_an_argument_without_a_text_is_refused():
     def silent(length: int = 1) -> int:
         """Args:
         width: of another argument.
@@ -102,7 +102,7 @@ def test_an_argument_without_a_text_is_refused() -> None:
             pass
 
 
-def test_a_command_is_made_of_signature_and_docstring() -> None:
+def test_a_command_is_made_of_signature_and_docstring():
     @command_of(function, without=("trust",))
     class Multiply(Options):
         """Multiply in a terminal."""
@@ -121,7 +121,7 @@ def test_a_command_is_made_of_signature_and_docstring() -> None:
 
 
 @pytest.mark.parametrize("name", DOORS)
-def test_a_command_reads_options_that_it_has(name: str) -> None:
+def test_a_command_reads_options_that_it_has(name):
     """Type checkers do not see options that a function declares: a misspelt one would fail at run time only."""
     door = DOORS[name]
     (described,) = (

@@ -24,7 +24,7 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> None:
+def test_both_engines(capsys, run_folder):
     """Drake's evaluation leaves what the first one wrote, which replaces one of both engines and says so."""
     (run_folder / "evaluation.json").write_text('{"both": {}}')
     (run_folder / "evaluation-drake.json").write_text("damaged")
@@ -39,16 +39,14 @@ def test_both_engines(capsys: pytest.CaptureFixture[str], run_folder: Path) -> N
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 
-def test_flights_too_many_to_keep_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+def test_flights_too_many_to_keep_are_refused(capsys):
     assert main(["evaluate", "go-to-pose-2d", "--episodes", "65537"]) == 2
     assert "rans assure judges more" in capsys.readouterr().err.replace("\n", " ")
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_conditions_of_one_name_have_files_apart(
-    run_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_conditions_of_one_name_have_files_apart(run_folder, tmp_path, capsys):
     """Those that come with RANS, users' files of the same name in two folders, and one called own."""
     for name in ("a/lab", "b/lab", "own"):
         file = tmp_path / f"{name}.toml"
@@ -69,7 +67,7 @@ def test_conditions_of_one_name_have_files_apart(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
+def test_a_protocol_has_its_own_files(run_folder):
     options = "--episodes 3 --protocol original --full"
     assert main(f"evaluate {run_folder} {options}".split()) == 0
     written = json.loads((run_folder / "evaluation-original.json").read_text())
@@ -88,7 +86,7 @@ def test_a_protocol_has_its_own_files(run_folder: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
+def test_a_multi_task_agent_is_judged_task_by_task(tmp_path):
     tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
     trainer = tiny_trainer(tmp_path / "all", replace(CONFIG, task="multi-task", settings=tasks))
     trainer.save()
@@ -108,7 +106,7 @@ def test_a_multi_task_agent_is_judged_task_by_task(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_the_seed_decides(run_folder: Path) -> None:
+def test_the_seed_decides(run_folder):
     results = []
     for seed in ("1", "1", "2"):
         assert main(f"evaluate {run_folder} --episodes 6 --seed {seed}".split()) == 0
@@ -117,7 +115,7 @@ def test_the_seed_decides(run_folder: Path) -> None:
     assert results[0] == results[1] != results[2]
 
 
-def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch):
     answers = iter([False, True])
     monkeypatch.setattr(
         "rans.evaluation.fly.contestants.judged_separately", lambda _: ["run#a", "run#b"]
@@ -128,7 +126,7 @@ def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch: pytest.Mo
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -> None:
+def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder):
     command = f"evaluate {run_folder} --start 1 -0.5 90deg v.x=0.1"
     assert main(f"{command} --full".split()) == 0
     [file] = run_folder.glob("episodes-own-*.npz")
@@ -145,9 +143,7 @@ def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder: Path) -
 @pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("guard", [[], ["--guard"]])
-def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
-    guard: list[str], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_behind_the_filter_no_controller_is_said_to_violate_constraints(guard, capsys):
     assert main(["evaluate", "lqr:avoid-2d", "--episodes", "1", *guard]) == 0
     assert ("constraints of Avoid" in capsys.readouterr().err) is not bool(guard)
 
@@ -168,7 +164,7 @@ def test_behind_the_filter_no_controller_is_said_to_violate_constraints(
         ("go-to-pose-2d", "rans view go-to-pose-2d"),
     ],
 )
-def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -> None:
+def test_lost_flights_lead_to_a_command_that_may_help(text, command):
     name = ContestantName.parse(text)
     run = contestant("lqr:go-to-pose-2d@atmos")
     assert name.shortfall(94.0, run).endswith(command)
@@ -182,7 +178,7 @@ def test_lost_flights_lead_to_a_command_that_may_help(text: str, command: str) -
         ("any-craft-2d@atmos", "rans evaluate any-craft-2d@atmos"),
     ],
 )
-def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text: str, command: str) -> None:
+def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text, command):
     run = contestant("lqr:go-to-pose-2d@atmos")
     found = ContestantName.parse(text).shortfall(60.0, run, "faults", ["--guard"])
     assert found.endswith(f"{command} --guard")
@@ -197,8 +193,6 @@ def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text: str, co
     ],
     ids=lambda options: options[0],
 )
-def test_what_judges_a_flight_says_why_flights_are_lost(
-    options: list[str], run_folder: Path, here: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_judges_a_flight_says_why_flights_are_lost(options, run_folder, here, capsys):
     assert main([options[0], str(run_folder), *options[1:]]) == 0
     assert f"Next: rans view {run_folder}" in " ".join(capsys.readouterr().out.split())

@@ -12,7 +12,7 @@ from rans.cli.options import is_in_help, texts_of
 from tests.support.command_codes import code_of
 
 
-def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_nothing_typed_shows_the_help(capsys):
     assert code_of([]) == 0
     printed = capsys.readouterr().out
     assert all(command in printed for command in COMMANDS)
@@ -20,9 +20,7 @@ def test_nothing_typed_shows_the_help(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
-def test_help_fits_and_keeps_words_whole(
-    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_help_fits_and_keeps_words_whole(command, monkeypatch, capsys):
     columns = 60
     monkeypatch.setenv("COLUMNS", str(columns))
     assert code_of([*command.split(), "--help"]) == 0
@@ -37,9 +35,7 @@ def test_help_fits_and_keeps_words_whole(
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_every_command_explains_its_options(
-    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_explains_its_options(command, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "500")  # beside one another, columns would mix
     assert code_of([command, "--help"]) == 0
     printed = " ".join(capsys.readouterr().out.replace("│", " ").replace("`", "").split())

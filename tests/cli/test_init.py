@@ -35,9 +35,7 @@ def batch(*words: str) -> int:
 
 
 @pytest.mark.filterwarnings("always::UserWarning", "ignore:of floating-platform")
-def test_a_long_flight_is_announced(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_long_flight_is_announced(monkeypatch, capsys):
     """A craft that hardly moves, whose flights last for minutes, and whose mass is doubted before them."""
     said: list[str] = []
 
@@ -58,7 +56,7 @@ def test_a_long_flight_is_announced(
 
 
 @pytest.mark.slow
-def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_batch_writes_a_file_that_reads_back(capsys):
     assert batch("--from", "atmos") == 0
     printed = capsys.readouterr().out.replace("\n", " ")
     assert re.search(r"any-craft-2d#[\d.]+: solved \d+ of \d+", printed)
@@ -69,13 +67,13 @@ def test_a_batch_writes_a_file_that_reads_back(capsys: pytest.CaptureFixture[str
 
 
 @pytest.mark.parametrize(("dimension", "template"), [(2, "floating-platform"), (3, "free-flyer")])
-def test_without_a_base_a_template_is_written(dimension: int, template: str) -> None:
+def test_without_a_base_a_template_is_written(dimension, template):
     assert batch("--dimension", str(dimension)) == 0
     assert load_spacecraft("mine.toml") == replace(load_spacecraft(template), name="mine")
 
 
 @pytest.mark.parametrize("name", ["cubesat-6u", "mars-lander-steered"])
-def test_everything_a_file_can_hold_is_written(name: str) -> None:
+def test_everything_a_file_can_hold_is_written(name):
     assert batch("--from", name) == 0
     craft, start = load_spacecraft("mine.toml"), replace(load_spacecraft(name), name="mine")
     assert np.array(craft.wrench_map) == pytest.approx(np.array(start.wrench_map), rel=1e-12)
@@ -84,8 +82,8 @@ def test_everything_a_file_can_hold_is_written(name: str) -> None:
 
 @pytest.mark.filterwarnings("ignore:.*cannot push and turn")
 def test_a_training_of_what_cannot_be_steered_is_not_suggested(
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    capsys,
+):
     craft = load_spacecraft("floating-platform")
     single = replace(craft, thrusters=craft.thrusters[:1])
     Path("single.toml").write_text(rans.init_spacecraft("single", base=single).text)
@@ -96,7 +94,7 @@ def test_a_training_of_what_cannot_be_steered_is_not_suggested(
     assert "may be dead" not in said
 
 
-def test_files_that_exist_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
+def test_files_that_exist_are_kept(capsys):
     Path("mine.svg").write_text("mine")
     assert batch("--from", "atmos") == 2
     assert "mine.svg exists" in capsys.readouterr().err
@@ -111,7 +109,7 @@ LINK = """<link name="thruster_{k}"/><joint name="j{k}" type="fixed"><parent lin
 
 
 @pytest.mark.filterwarnings("ignore:of robot.urdf", "ignore:.*cannot push and turn")
-def test_what_a_robots_file_does_not_say_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_a_robots_file_does_not_say_is_named(capsys):
     """Its dimension is asked for; a force, an inertia and thrusters are those of the template, and said to be."""
     pytest.importorskip("rans_any_craft")  # which reads such files
     file = Path("robot.urdf")

@@ -10,7 +10,6 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from pathlib import Path
 from types import FrameType
 
 import pytest
@@ -58,7 +57,7 @@ interrupt() if {moment!r} == "leaving" else sys.exit(code)
         ("SIGINT", "never", "none", ""),
     ],
 )
-def test_an_interrupt_shows_no_traceback(moment: str, end: str, said: str, by: str) -> None:
+def test_an_interrupt_shows_no_traceback(moment, end, said, by):
     """SIGTERM is how the time limit of a cluster's queue interrupts."""
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED.format(moment=moment, signal=by)],
@@ -72,9 +71,7 @@ def test_an_interrupt_shows_no_traceback(moment: str, end: str, said: str, by: s
 
 
 @pytest.mark.parametrize("busy", [False, True])
-def test_an_interrupt_in_a_callback_is_not_lost(
-    monkeypatch: pytest.MonkeyPatch, busy: bool
-) -> None:
+def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, busy):
     """Python drops what a weak reference's callback raises; torch's compiler has many of these.
 
     On a busy machine the moment is over before Python is done with dropping.
@@ -104,7 +101,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(
     _interrupted(runs, monkeypatch)
 
 
-def test_a_second_interrupt_leaves_locks_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_interrupt_leaves_locks_as_they_are(monkeypatch):
     """Python takes a condition's lock back on its way out of a wait, and fails if that is interrupted."""
 
     def strike(frame: FrameType, *_: object) -> None:
@@ -143,9 +140,7 @@ def _interrupted(runs: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> No
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
-def test_an_interrupted_reproduction_says_which_rows_are_kept(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupted_reproduction_says_which_rows_are_kept(tmp_path, monkeypatch, capsys):
     page = tmp_path / "differences.md"
 
     def interrupted(*_: object, **__: object) -> None:

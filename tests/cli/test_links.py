@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -39,9 +38,7 @@ def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("report run", "compare.json"),
     ],
 )
-def test_a_file_that_is_a_link_is_refused(
-    run: Path, command: str, place: str, refused: Any
-) -> None:
+def test_a_file_that_is_a_link_is_refused(run, command, place, refused):
     """Before anything is read from it or added to it; a copy would do what the link does, if it could."""
     link = run / place
     outside = Path("outside")
@@ -60,9 +57,7 @@ def test_a_file_that_is_a_link_is_refused(
         ("stress run --episodes 2 --only latency", "stress"),
     ],
 )
-def test_a_folder_that_is_a_link_is_refused(
-    run: Path, command: str, place: str, refused: Any
-) -> None:
+def test_a_folder_that_is_a_link_is_refused(run, command, place, refused):
     outside = Path("outside")
     outside.mkdir()
     link = run / place
@@ -72,7 +67,7 @@ def test_a_folder_that_is_a_link_is_refused(
     assert not list(outside.iterdir())
 
 
-def test_a_link_among_the_events_is_refused(run: Path, refused: Any) -> None:
+def test_a_link_among_the_events_is_refused(run, refused):
     """TensorBoard's writer opens files by names that can be foreseen."""
     (run / "tensorboard" / "events.out.tfevents.1.host.2.0").symlink_to(Path("outside").absolute())
     assert "is a symbolic link" in refused("train --resume run")
@@ -80,7 +75,7 @@ def test_a_link_among_the_events_is_refused(run: Path, refused: Any) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_folder_full_of_links_has_nothing_written_elsewhere(run: Path) -> None:
+def test_a_folder_full_of_links_has_nothing_written_elsewhere(run):
     """By the names that drafts had; and links in the place of results are replaced, not followed."""
     outside = Path("outside")
     outside.write_text("mine")
@@ -95,7 +90,7 @@ def test_a_folder_full_of_links_has_nothing_written_elsewhere(run: Path) -> None
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_run_folder_may_be_a_link_itself(run: Path) -> None:
+def test_a_run_folder_may_be_a_link_itself(run):
     """Somebody typed its name."""
     Path("short").symlink_to(run.absolute())
     assert main(["evaluate", "short", *FLOWN]) == 0

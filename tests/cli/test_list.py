@@ -3,8 +3,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from importlib import resources
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -31,7 +29,7 @@ def listed(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
     return run
 
 
-def test_everything_is_listed(listed: Any) -> None:
+def test_everything_is_listed(listed):
     text = listed()
     for name in (*spacecraft_names(), *TASKS):
         assert name in text
@@ -41,7 +39,7 @@ def test_everything_is_listed(listed: Any) -> None:
     }
 
 
-def test_own_file(listed: Any, tmp_path: Path) -> None:
+def test_own_file(listed, tmp_path):
     shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
     file = tmp_path / "mine.toml"
     text = shipped.read_text("utf-8").replace('"floating-platform"', '"[bold]mine"')
@@ -51,7 +49,7 @@ def test_own_file(listed: Any, tmp_path: Path) -> None:
     assert "[bold]mine" in shown  # a name is no markup
 
 
-def test_unknown_name(refused: Any) -> None:
+def test_unknown_name(refused):
     text = refused("list floating-plattform")
     for part in (
         "'floating-plattform' (did you mean floating-platform?)",
@@ -61,7 +59,7 @@ def test_unknown_name(refused: Any) -> None:
         assert part in text
 
 
-def test_a_file_of_other_software_is_imported_first(refused: Any, tmp_path: Path) -> None:
+def test_a_file_of_other_software_is_imported_first(refused, tmp_path):
     file = tmp_path / "craft.urdf"
     file.write_text("<robot/>")
     assert f"`rans init craft.toml --from {file}`" in refused(f"list {file}")
@@ -91,25 +89,23 @@ WINDY = Conditions(description="windy")
         ("tests.support.crafts:nasty_planar", "Thrusters"),
     ],
 )
-def test_whatever_a_module_has(listed: Any, name: str, told: str) -> None:
+def test_whatever_a_module_has(listed, name, told):
     assert told in listed(name)
 
 
-def test_picture(listed: Any, tmp_path: Path) -> None:
+def test_picture(listed, tmp_path):
     file = tmp_path / "x.pdf"
     assert str(file) in listed("free-flyer", "--picture", str(file)).replace("\n", "")
     assert file.read_bytes().startswith(b"%PDF")
 
 
-def test_wrong_pictures(refused: Any, tmp_path: Path) -> None:
+def test_wrong_pictures(refused, tmp_path):
     picture = "list free-flyer --picture"
     (tmp_path / "file").touch()
     assert "cannot write" in refused(f"{picture} {tmp_path}/file/x.png")
 
 
-def test_a_file_of_conditions_is_known_from_a_spacecraft(
-    listed: Any, refused: Any, tmp_path: Path
-) -> None:
+def test_a_file_of_conditions_is_known_from_a_spacecraft(listed, refused, tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text("[thrusters]\nlatency = [0.0, 0.1]\n")
     assert listed(str(file)) == file.read_text()
@@ -123,7 +119,7 @@ def test_a_file_of_conditions_is_known_from_a_spacecraft(
     assert "did you mean mass?" in refused(f"list {file}")
 
 
-def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
+def test_a_task_tells_its_reward_ends_and_keys(listed):
     text = listed("go-to-pose")
     for told in (
         "exp(-distance / scale)",
@@ -135,5 +131,5 @@ def test_a_task_tells_its_reward_ends_and_keys(listed: Any) -> None:
     assert "ppo.n_envs" in listed("TRAINING")
 
 
-def test_a_task_of_a_module_has_no_id_of_gymnasium(listed: Any) -> None:
+def test_a_task_of_a_module_has_no_id_of_gymnasium(listed):
     assert "rans.SpacecraftEnv('tests.cli.test_list:Own', 2)" in listed("tests.cli.test_list:Own")

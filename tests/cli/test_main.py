@@ -40,7 +40,7 @@ def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     monkeypatch.setattr("rans.files._written", deque())  # by tests before
 
 
-def test_letters_that_the_output_does_not_know() -> None:
+def test_letters_that_the_output_does_not_know():
     """As where PYTHONIOENCODING is ascii: 95 % intervals have a sign that it lacks."""
     printed = subprocess.run(
         [sys.executable, "-m", "rans", "list", "atmos"],
@@ -61,7 +61,7 @@ def test_letters_that_the_output_does_not_know() -> None:
         ("compare x --certified", "a whole number"),
     ],
 )
-def test_what_is_no_number(option: str, kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_number(option, kind, capsys):
     """None or not, one or many: told in our words, without Python's types and functions."""
     assert code_of([*option.split(), "x1"]) == 2
     said = " ".join(capsys.readouterr().err.replace("│", " ").split())
@@ -70,7 +70,7 @@ def test_what_is_no_number(option: str, kind: str, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["evaluate", "--help"], ["list"], ["--version"]])
-def test_an_output_that_is_no_file(arguments: list[str]) -> None:
+def test_an_output_that_is_no_file(arguments):
     """As where a program collects what is printed."""
     collected = io.StringIO()
     with redirect_stdout(collected):
@@ -79,7 +79,7 @@ def test_an_output_that_is_no_file(arguments: list[str]) -> None:
 
 
 @pytest.mark.parametrize("arguments", [["--help"], ["list"]])
-def test_no_output_at_all(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_output_at_all(arguments, monkeypatch):
     monkeypatch.setattr(sys, "stdout", None)
     assert code_of(arguments) == 0
 
@@ -105,20 +105,20 @@ def shell(line: str, folder: Path, **environment: str) -> subprocess.CompletedPr
         ("$RANS evalute >&- 2>&-", 2),
     ],
 )
-def test_closed_streams(line: str, code: int, tmp_path: Path) -> None:
+def test_closed_streams(line, code, tmp_path):
     done = shell(line, tmp_path)
     assert (done.returncode, done.stderr) == (code, b"")
 
 
 @pytest.mark.slow
-def test_a_file_does_not_take_the_place_of_the_closed_output(tmp_path: Path) -> None:
+def test_a_file_does_not_take_the_place_of_the_closed_output(tmp_path):
     done = shell("$RANS list floating-platform --picture craft.svg >&-", tmp_path)
     assert done.returncode == 0
     assert ElementTree.parse(tmp_path / "craft.svg").getroot().tag.endswith("svg")
 
 
 @pytest.mark.slow
-def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path: Path) -> None:
+def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path):
     """Drake does not load there."""
     done = shell(
         "$RANS validate --quick --layer thrusters --output é", tmp_path, LC_ALL="C", PYTHONUTF8="0"
@@ -127,7 +127,7 @@ def test_folders_of_other_letters_where_python_is_told_ascii(tmp_path: Path) -> 
     assert (tmp_path / "é" / "validation.json").exists()
 
 
-def test_a_folder_of_bytes_that_are_no_letters(tmp_path: Path) -> None:
+def test_a_folder_of_bytes_that_are_no_letters(tmp_path):
     """Pages tell their names, in UTF-8."""
     folder = tmp_path / "b\udce9"
     folder.mkdir()
@@ -149,9 +149,7 @@ def test_a_folder_of_bytes_that_are_no_letters(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("to", ["stdout", "stderr", "nothing"])
-def test_on_a_terminal_the_command_says_that_it_loads(
-    words: list[str], says: bool, to: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_on_a_terminal_the_command_says_that_it_loads(words, says, to, monkeypatch):
     """Before anything is imported; the first output replaces the line, which leaves nothing behind."""
     master, slave = os.openpty()
     with open(slave, "w", closefd=False) as terminal, open(slave, "w") as other:
@@ -177,13 +175,13 @@ def test_on_a_terminal_the_command_says_that_it_loads(
     assert rest == erased + ("" if to == "nothing" else "one\r\ntwo\r\n") + "end\r\n"
 
 
-def test_in_a_pipe_nothing_says_that_it_loads(capfd: pytest.CaptureFixture[str]) -> None:
+def test_in_a_pipe_nothing_says_that_it_loads(capfd):
     with rans_command.says_that_it_loads(["train"]):
         sys.stdout.write("one")
     assert capfd.readouterr() == ("one", "")
 
 
-def test_the_module_is_the_command() -> None:
+def test_the_module_is_the_command():
     done = subprocess.run(
         [sys.executable, "-m", "rans", "--version"], capture_output=True, text=True, check=True
     )
@@ -224,27 +222,25 @@ def test_the_module_is_the_command() -> None:
     ],
 )
 def test_ends_with_a_sentence(
-    error: BaseException,
-    code: int,
-    said: str,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    error,
+    code,
+    said,
+    monkeypatch,
+    capsys,
+):
     broken(monkeypatch, error)
     assert main(["list"]) == code
     assert capsys.readouterr() == ("", said)
 
 
 @pytest.mark.parametrize("code", [0, None, "no licence"])
-def test_code_of_others_cannot_end_a_command_with_success(
-    code: object, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_code_of_others_cannot_end_a_command_with_success(code, monkeypatch, capsys):
     broken(monkeypatch, SystemExit(code))
     assert main(["list"]) == 2
     assert f"ended the command (sys.exit({code!r}))" in capsys.readouterr().err
 
 
-def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mistake_of_ours_is_not_hidden(monkeypatch):
     for error in (
         ZeroDivisionError(),
         RuntimeError("shapes differ"),
@@ -261,9 +257,7 @@ def test_a_mistake_of_ours_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> Non
 
 
 @pytest.mark.filterwarnings("default")
-def test_a_warning_is_one_sentence(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_warning_is_one_sentence(monkeypatch, capsys):
     class Warns:
         def run(self) -> int:
             warnings.warn("its thrusters\n  cannot turn \x1b[31mit.", stacklevel=2)
@@ -281,7 +275,7 @@ def test_a_warning_is_one_sentence(
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("line", "unbuffered"), [("--version", ""), ("list", "1")])
-def test_a_reader_who_leaves_is_no_error(line: str, unbuffered: str) -> None:
+def test_a_reader_who_leaves_is_no_error(line, unbuffered):
     """As in ``rans list | head -1``, for output that Python buffers and for output that it does not.
 
     ``--version`` is printed by Python and ``list`` by Rich, which would end the process itself.

@@ -32,9 +32,7 @@ from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
         ("assure x --failure-below 0.1%", "Did you mean 0.001?"),
     ],
 )
-def test_leads_to_what_it_is_called_here(
-    typed: str, answer: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_leads_to_what_it_is_called_here(typed, answer, capsys):
     try:
         code = main(typed.split())
     except SystemExit as error:  # of tyro, for values that are no numbers
@@ -44,7 +42,7 @@ def test_leads_to_what_it_is_called_here(
     assert answer in " ".join((printed.err + printed.out).split())
 
 
-def test_a_solved_task_is_trained_on() -> None:
+def test_a_solved_task_is_trained_on():
     """Its last reports end a training, unless the number of steps alone does."""
     config = replace(training("go-to-pose", None, "cpu"), solved_share=0.9, report_interval=1)
     bad, good = (
@@ -81,11 +79,11 @@ KNOWN = ["go-to-pose-3d-robust", "go-to-pose-2d", "go-to-pose-3d", "go-to-posed"
         ("rocket", ""),
     ],
 )
-def test_the_name_that_was_meant(word: str, near: str) -> None:
+def test_the_name_that_was_meant(word, near):
     assert meant(word, KNOWN) == (f" (did you mean {near}?)" if near else "")
 
 
-def test_a_file_that_is_near(tmp_path: Path) -> None:
+def test_a_file_that_is_near(tmp_path):
     for name in ("slider6.toml", "flight.csv"):
         (tmp_path / name).touch()
     assert meant_file(tmp_path / "slider6") == f" (did you mean {tmp_path / 'slider6.toml'}?)"
@@ -97,7 +95,7 @@ def test_a_file_that_is_near(tmp_path: Path) -> None:
     assert meant_file(tmp_path / "nowhere" / "x") == ""
 
 
-def test_a_dict_in_place_of_an_object_is_written_as_one() -> None:
+def test_a_dict_in_place_of_an_object_is_written_as_one():
     with pytest.raises(ConfigError) as refused:
         checked("conditions", {"latency": 0.03}, Conditions)
     call = str(refused.value).partition(": ")[2].rstrip(".")
@@ -111,9 +109,7 @@ def test_a_dict_in_place_of_an_object_is_written_as_one() -> None:
         ("--resume empty", "empty is not a run folder: it has no config.json"),
     ],
 )
-def test_a_training_is_refused_before_anything_is_prepared(
-    typed: str, sentence: str, here: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_is_refused_before_anything_is_prepared(typed, sentence, here, monkeypatch):
     """The engine took five seconds of a processor, after which the folder was looked at."""
     (here / "begun").mkdir()
     (here / "begun/config.json").write_text("{}")

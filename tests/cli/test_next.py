@@ -21,7 +21,7 @@ from validation.commands.validate import Validate
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_a_next_one(name: str) -> None:
+def test_every_command_has_a_next_one(name):
     """Whatever its help shows is followed by commands that exist, with options that they have."""
     for example in COMMANDS[name].examples:
         words = shlex.split(example)
@@ -51,7 +51,7 @@ def test_every_command_has_a_next_one(name: str) -> None:
         ("mars-lander-steered", None),
     ],
 )
-def test_a_spacecraft_can_do_what_comes_next(name: str, task: str | None) -> None:
+def test_a_spacecraft_can_do_what_comes_next(name, task):
     lines = {*List(name).following(), *Validate(name).following()}
     if task is None:
         assert lines == {"rans list TASKS"}
@@ -66,7 +66,7 @@ def test_a_spacecraft_can_do_what_comes_next(name: str, task: str | None) -> Non
         assert isinstance(run.task, TASKS[task])
 
 
-def test_the_agent_for_any_craft_is_suggested_for_craft_that_it_flies() -> None:
+def test_the_agent_for_any_craft_is_suggested_for_craft_that_it_flies():
     """What is asked without its network is what the network refuses or takes."""
     for name in SPACECRAFT.built_in:
         craft = load_spacecraft(name)
@@ -80,12 +80,12 @@ def test_the_agent_for_any_craft_is_suggested_for_craft_that_it_flies() -> None:
         assert suggested == flies, name
 
 
-def test_the_names_of_files_are_quoted() -> None:
+def test_the_names_of_files_are_quoted():
     craft = load_spacecraft("innocube")
     assert shlex.split(with_spacecraft(craft, "my craft.toml")[1])[-1] == "my craft.toml"
 
 
-def test_what_follows_trusts_what_the_command_trusted() -> None:
+def test_what_follows_trusts_what_the_command_trusted():
     """Without --trust it would be refused."""
     own = "my_module:Mine:go-to-pose-2d"
     view = cli._parse(["view", own, "--trust"])
@@ -118,8 +118,6 @@ class Working:
         (Working(1), ""),
     ],
 )
-def test_what_comes_next_is_printed_once_and_after_success(
-    command: Working, printed: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_comes_next_is_printed_once_and_after_success(command, printed, capsys):
     assert cli._followed(command) == command.code
     assert capsys.readouterr().out == printed

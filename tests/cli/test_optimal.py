@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Iterator
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -32,9 +31,7 @@ def long_periods(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans.cli.optimal._CONTROL_PERIOD", 0.5)
 
 
-def test_writes_what_it_found(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_writes_what_it_found(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr("rans.cli.optimal._INTERVALS", 12)
     assert run(f"go-to-position --episodes 2 --objective time --output {tmp_path}") == 0
     text = capsys.readouterr().out
@@ -53,16 +50,14 @@ def test_writes_what_it_found(
     ],
 )
 @pytest.mark.usefixtures("long_periods")
-def test_objectives(tmp_path: Path, objective: str, measure: str) -> None:
+def test_objectives(tmp_path, objective, measure):
     options = f"--episodes 1 --objective {objective} --horizon 4 --output {tmp_path}"
     assert run(f"track-velocity {options}") == 0
     assert json.loads((tmp_path / "optimal.json").read_text())["measure"] == measure
 
 
 @pytest.mark.slow
-def test_lost_starts_are_told_and_the_rest_is_made(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_lost_starts_are_told_and_the_rest_is_made(capsys, tmp_path):
     """1.8 s is too short from 3 m; bounds are printed all the same."""
     options = "--episodes 2 --horizon 1.8 --certify --spacecraft free-flyer-shared"
     assert run(f"go-to-pose {options} --output {tmp_path}") == 1
@@ -74,9 +69,7 @@ def test_lost_starts_are_told_and_the_rest_is_made(
     assert len(json.loads((tmp_path / "optimal.json").read_text())["starts"]) == 2
 
 
-def test_certify_bounds_craft_with_wheels_without_a_trajectory(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_certify_bounds_craft_with_wheels_without_a_trajectory(capsys, tmp_path):
     """Without --certify nothing can be computed for a wheel, which is an error as before."""
     command = f"go-to-pose --spacecraft pingu --episodes 1 --output {tmp_path}"
     assert run(f"{command} --certify") == 0
@@ -90,9 +83,7 @@ def test_certify_bounds_craft_with_wheels_without_a_trajectory(
 
 
 @pytest.mark.usefixtures("long_periods")
-def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(tmp_path, monkeypatch):
     """Each answer counts its guesses; the questions are looked at, not answered."""
     asked: list[Any] = []
     monkeypatch.setattr(
@@ -111,9 +102,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("long_periods")
-def test_an_interrupt_keeps_the_bounds_that_are_finished(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_interrupt_keeps_the_bounds_that_are_finished(tmp_path, monkeypatch, capsys):
     """Ctrl-C after the first of two bounds."""
 
     def first_alone(*_: Any, **__: Any) -> Iterator[tuple[int, Bound]]:
@@ -130,7 +119,7 @@ def test_an_interrupt_keeps_the_bounds_that_are_finished(
 
 
 @pytest.mark.usefixtures("long_periods")
-def test_a_start_and_limits_of_ones_own(tmp_path: Path) -> None:
+def test_a_start_and_limits_of_ones_own(tmp_path):
     """From 1 m away at 0.2 m/s at most; rows of the table are instants, with the start first."""
     own = "--start -1 0 0.5rad --goal 0 0.5 0 --limits speed=0.2 --horizon 8"
     assert run(f"go-to-pose {own} --output {tmp_path}") == 0
@@ -152,9 +141,7 @@ def test_a_start_and_limits_of_ones_own(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_a_landing_ends_as_the_mission_is_won_and_its_title_says_how(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_landing_ends_as_the_mission_is_won_and_its_title_says_how(tmp_path, capsys):
     """An independent cone program needs 372.74 kg within 1 m and 0.5 m/s, and 373.32 kg to land exactly."""
     start = "--start 2000 0 1500 v.x=80 v.y=30 v.z=-75"
     needed = []

@@ -18,7 +18,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from validation.study.checks import Check, Skipped, Study
 
 
-def test_the_suggested_training_keeps_settings_of_the_task() -> None:
+def test_the_suggested_training_keeps_settings_of_the_task():
     """Also by their short names; others, such as a number of steps, may contradict the quality."""
     command = training.Train("go-to-pose", set=("thrust_weight=0.1", "n_steps=8"))
     trainer: Any = SimpleNamespace(
@@ -31,7 +31,7 @@ def test_the_suggested_training_keeps_settings_of_the_task() -> None:
 
 
 @pytest.mark.parametrize("task", ["go-to-pose-priced", "multi-task"])
-def test_what_a_training_suggests_is_of_tasks_that_a_comparison_takes(task: str) -> None:
+def test_what_a_training_suggests_is_of_tasks_that_a_comparison_takes(task):
     command = training.Train(task)
     config = command.resolved()
     craft = load_spacecraft("floating-platform")
@@ -48,9 +48,7 @@ def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:
     return Study("x", checks, {"seconds": 1.5}, skipped)
 
 
-def test_validate_says_what_failed_and_where(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_validate_says_what_failed_and_where(monkeypatch, capsys):
     good = Check("mass", 0.0, 1e-9, "kg", "Rounding.", "state 2")
     bad = Check("way", 1.0, 1e-9, "m", "Truncation.", "flight 7")
     found = study_of(good, bad, skipped=(Skipped("kernel", "No compiler."),))
@@ -68,7 +66,7 @@ def test_validate_says_what_failed_and_where(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("here", "undrawn")
-def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_engines_that_disagree_end_with_code_1(monkeypatch):
     table = EngineComparison("title", (), 1.0).table
     disagree = SimpleNamespace(passed=False, table=table, to_json=dict)
     monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines", lambda *_: disagree)
@@ -81,9 +79,7 @@ def test_engines_that_disagree_end_with_code_1(monkeypatch: pytest.MonkeyPatch) 
     assert main(arguments) == 0
 
 
-def test_notes_of_a_comparison_are_printed(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_notes_of_a_comparison_are_printed(tmp_path, capsys, monkeypatch):
     """Also beside names that are no mark-up, and all files are written before."""
 
     def fill(comparison: Any, *_: object, **__: object) -> None:
@@ -119,9 +115,7 @@ COMMANDS = {
     "command",
     COMMANDS,
 )
-def test_it_fits(
-    command: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_it_fits(command, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", str(COLUMNS))
     monkeypatch.setenv("FORCE_COLOR", "1")  # what Rich takes for a terminal
     assert main(command.split()) == 0

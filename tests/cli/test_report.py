@@ -25,9 +25,7 @@ def run(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_writes_the_page_and_ends_with_where_it_is(
-    run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_writes_the_page_and_ends_with_where_it_is(run, capsys):
     assert main(["report", str(run)]) == 0
     printed = capsys.readouterr().out
     assert "1 of 2" in printed
@@ -40,12 +38,12 @@ def test_writes_the_page_and_ends_with_where_it_is(
     assert "Something has failed." in (run / "report.html").read_text("utf-8")
 
 
-def test_the_agent_of_a_training_is_what_to_export(run: Path) -> None:
+def test_the_agent_of_a_training_is_what_to_export(run):
     (run / "agent.safetensors").touch()
     assert Report(run).following() == (f"rans export {run} --format c",)
 
 
-def test_an_agent_that_seldom_solves_is_trained_on(tmp_path: Path) -> None:
+def test_an_agent_that_seldom_solves_is_trained_on(tmp_path):
     """After 2,048 steps, 4,000 in two digits; an evaluation counts more than the training."""
     run = tiny_trainer(tmp_path / "run").run
     (run.path / "agent.safetensors").touch()
@@ -57,7 +55,7 @@ def test_an_agent_that_seldom_solves_is_trained_on(tmp_path: Path) -> None:
     assert Report(run.path).following() == (f"rans export {run.path} --format c",)
 
 
-def test_a_report_can_be_written_again(run: Path) -> None:
+def test_a_report_can_be_written_again(run):
     assert main(["report", str(run)]) == 0
     (run / "validation.json").write_text(json.dumps({"title": "Later", "checks": []}))
     assert main(["report", str(run)]) == 0

@@ -36,7 +36,7 @@ def trained(run: str) -> Tensor:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch):
     monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "4")
     compile_in_this_process()
     assert os.environ["TORCHINDUCTOR_COMPILE_THREADS"] == "4"
@@ -45,7 +45,7 @@ def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch: pytest.Monke
     assert os.environ["TORCHINDUCTOR_COMPILE_THREADS"] == "1"
 
 
-def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_folder_is_left(capsys):
     assert main([*tiny(), "--set", "total_timesteps=1000"]) == 0
     captured = capsys.readouterr()
     run = Path("runs/go-to-pose-floating-platform-seed0")
@@ -68,7 +68,7 @@ def test_a_run_folder_is_left(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_the_config_gives_the_same_agent() -> None:
+def test_the_config_gives_the_same_agent():
     """Also where training ends by itself, whenever its reports were made."""
     easy = tiny(
         solved_share=0.01,
@@ -87,7 +87,7 @@ def test_the_config_gives_the_same_agent() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_options_change_a_config() -> None:
+def test_options_change_a_config():
     """Options beat the file, and --set beats options."""
     assert main([*tiny(total_timesteps=100), "--output", "first"]) == 0
     options = "--seed 4 --set total_timesteps=200 --spacecraft floating-platform-air-tank"
@@ -102,7 +102,7 @@ def test_options_change_a_config() -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_config_trains_the_spacecraft_that_it_was_used_with(refused: Any) -> None:
+def test_a_config_trains_the_spacecraft_that_it_was_used_with(refused):
     """One whose file was changed since, or moved away, is not taken or missed silently."""
     craft = Path("my craft.toml")
     then = "first/spacecraft.toml"
@@ -127,7 +127,7 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(refused: Any) -> N
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_resume_goes_on(capsys: pytest.CaptureFixture[str], refused: Any) -> None:
+def test_resume_goes_on(capsys, refused):
     assert main([*tiny(), "--set", "total_timesteps=512", "--output", "run"]) == 0
     assert main(["train", "--resume", "run", "--total-timesteps", "1.024e3"]) == 0
     assert "Done after 1,024 steps" in capsys.readouterr().out
@@ -142,7 +142,7 @@ def test_resume_goes_on(capsys: pytest.CaptureFixture[str], refused: Any) -> Non
     assert "run has 1,024 steps already" in said
 
 
-def test_wrong_options(refused: Any) -> None:
+def test_wrong_options(refused):
     Path("file").write_text("")
     Path("there").mkdir()
     for typed, said in (
@@ -157,7 +157,7 @@ def test_wrong_options(refused: Any) -> None:
         assert said in refused(f"train {typed}"), typed
 
 
-def test_nan_is_said_in_a_sentence(refused: Any) -> None:
+def test_nan_is_said_in_a_sentence(refused):
     text = refused(*tiny(ppo__reward_scale=1e38), "--output", "run")
     assert "not finite after 128 steps" in text
     assert "State and weights are in run/nonfinite.safetensors." in text
@@ -165,7 +165,7 @@ def test_nan_is_said_in_a_sentence(refused: Any) -> None:
 
 
 @pytest.mark.slow
-def test_a_signal_stops_it_gently() -> None:
+def test_a_signal_stops_it_gently():
     """Nothing is lost, and the command it prints goes on from there; no compiler and no git are needed.
 
     SIGHUP, of a session that closes; `tests.cli.test_view` sends SIGINT.
@@ -194,9 +194,7 @@ def test_a_signal_stops_it_gently() -> None:
 
 
 @pytest.mark.slow
-def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch, capsys):
     """It ends in the middle of a round, and the command that it prints begins anew."""
     rounds: list[int] = []
     learn = any_craft._Lessons.learn
@@ -234,7 +232,7 @@ def _iterate_for_ever() -> None:
             time.sleep(PATIENCE / 1000)
 
 
-def test_an_iteration_that_does_not_end_is_interrupted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_iteration_that_does_not_end_is_interrupted(monkeypatch):
     monkeypatch.setattr(train, "_GENTLE", 0.05)
     before = signal.getsignal(signal.SIGALRM)
     with pytest.raises(KeyboardInterrupt):
@@ -243,9 +241,7 @@ def test_an_iteration_that_does_not_end_is_interrupted(monkeypatch: pytest.Monke
 
 
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGUSR1"])
-def test_one_that_ends_says_so_at_once_and_leaves_no_alarm(
-    name: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_one_that_ends_says_so_at_once_and_leaves_no_alarm(name, capfd):
     """Of a queue and its warning, and of a session that closes; what is ignored, as by nohup, stays so."""
     number = signal.Signals[name]
     with StopGently() as stop:
@@ -265,7 +261,7 @@ def test_one_that_ends_says_so_at_once_and_leaves_no_alarm(
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
+def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name():
     _, _, *options = tiny()
     more = ["--set", "total_timesteps=200", "--seed=3"]
     assert main(["train", "go-to-pose-2d-shared", *options, *more]) == 0
@@ -278,7 +274,7 @@ def test_an_agent_that_comes_with_rans_is_trained_again_by_its_name() -> None:
     assert config.ppo.schedule.anneal == 0.7
 
 
-def test_whatever_is_set_is_learnt_from_nothing() -> None:
+def test_whatever_is_set_is_learnt_from_nothing():
     assert Train("go-to-pose").begun().begin_from == "pretrained:any-craft-2d#0.4"
     assert Train("go-to-pose", seed=3, quality="quick").begun().begin_from is not None
     assert Train("go-to-pose", rl=True).begun().begin_from is None
@@ -294,7 +290,7 @@ def test_whatever_is_set_is_learnt_from_nothing() -> None:
         assert Train(**options).begun().begin_from is None, changed
 
 
-def test_the_device_that_is_asked_for_trains(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_device_that_is_asked_for_trains(monkeypatch):
     """Whatever there is; also with the config of a run on another one."""
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert Train("go-to-pose").resolved().device == "cpu"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,9 +22,7 @@ def _few(monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_tuned_flies_from_then_on(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_tuned_flies_from_then_on(monkeypatch, capsys):
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 2)
     assert main(["tune", "lqr:track-velocity-2d@atmos"]) == 0
     said = capsys.readouterr().out
@@ -38,9 +35,7 @@ def test_what_is_tuned_flies_from_then_on(
 
 
 @pytest.mark.slow
-def test_a_worse_result_replaces_nothing(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_worse_result_replaces_nothing(monkeypatch, capsys):
     """As of a search that was stopped early, or on fewer starts."""
     tune = ["tune", "lqr:track-velocity-2d@atmos"]
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 4)
@@ -66,9 +61,7 @@ def test_a_worse_result_replaces_nothing(
     assert '"starts": 3' in file.read_text()
 
 
-def test_what_is_damaged_is_told_before_anything_is_flown(
-    monkeypatch: pytest.MonkeyPatch, refused: Any
-) -> None:
+def test_what_is_damaged_is_told_before_anything_is_flown(monkeypatch, refused):
     monkeypatch.setattr("rans.evaluation.compare.tuning.tuned_settings", None)
     OWN.mkdir(parents=True)
     (OWN / "lqr.json").write_text("{")

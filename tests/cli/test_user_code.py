@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -52,12 +51,12 @@ def written(line: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
     ],
 )
 def test_file_and_line_are_first(
-    line: str,
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    line,
+    said,
+    tmp_path,
+    monkeypatch,
+    capsys,
+):
     module = written(line, tmp_path, monkeypatch)
     command = ["train", f"{module}:Gate", "--total-timesteps", "1"]
     assert main(command) == 2
@@ -70,9 +69,7 @@ def test_file_and_line_are_first(
         main(command)
 
 
-def test_a_reward_that_is_no_dict_is_named(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
-) -> None:
+def test_a_reward_that_is_no_dict_is_named(tmp_path, monkeypatch, refused):
     module = written("return error", tmp_path, monkeypatch)
     assert "Gate.reward must return a dict" in refused(f"list {module}:Gate")
 
@@ -97,12 +94,12 @@ def test_a_reward_that_is_no_dict_is_named(
     ],
 )
 def test_results_of_another_kind(
-    function: str,
-    said: str,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    refused: Any,
-) -> None:
+    function,
+    said,
+    tmp_path,
+    monkeypatch,
+    refused,
+):
     module = written(f"return {{}}\n    {function}", tmp_path, monkeypatch)
     printed = refused(f"train {module}:Gate --total-timesteps 1")
     name = function.split("(")[0].removeprefix("def ")
@@ -111,11 +108,11 @@ def test_results_of_another_kind(
 
 
 def test_a_module_that_cannot_be_imported(
-    here: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    refused: Any,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    here,
+    monkeypatch,
+    refused,
+    capsys,
+):
     module = written("return {}", here, monkeypatch)
     assert f"without .py: write {module}:Gate" in refused(f"train {module}.py:Gate")
     assert "(did you mean Gate?)" in refused(f"train {module}:Gat")
@@ -128,11 +125,11 @@ def test_a_module_that_cannot_be_imported(
 
 
 @pytest.mark.parametrize("vector", [Vec2(1.0, 2.0), Vec3(1.0, 2.0, 3.0)])
-def test_arithmetic_that_vectors_do_not_have(vector: Vec2 | Vec3) -> None:
+def test_arithmetic_that_vectors_do_not_have(vector):
     for factor in (2.0, np.ones(3)):
         with pytest.raises(TypeError, match=r"v\.scale"):
             vector * factor
     with pytest.raises(TypeError, match=r"v\.scale"):
         vector / 2.0
     with pytest.raises(TypeError, match="cannot be added"):
-        vector - 1.0  # pyrefly: ignore[unsupported-operation]
+        vector - 1.0

@@ -18,7 +18,7 @@ from validation.study.study import Scope
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -> None:
+def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch):
     """And one layer alone repeats what the study found; of one flight, not of sixteen."""
     monkeypatch.setattr(
         validation.study.study,
@@ -47,12 +47,12 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch) -
     assert len(again) == 4
 
 
-def test_valves_that_pulse_are_validated(capsys: pytest.CaptureFixture[str]) -> None:
+def test_valves_that_pulse_are_validated(capsys):
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
     assert main(["validate", "--quick", "atmos", "--layer", "period"]) == 0, capsys.readouterr()
 
 
-def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, refused) -> None:
+def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, refused):
     """A flat plate off the triangle inequality by less than our check's 1e-9."""
     flat = replace(
         load_spacecraft("free-flyer"),
@@ -63,7 +63,7 @@ def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, refused) -> None:
     assert "Drake refuses its inertia" in refused(f"validate --quick {file}")
 
 
-def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
+def test_what_could_not_be_checked_is_said(monkeypatch, capsys):
     monkeypatch.setattr(shutil, "which", lambda _: None)
     assert main(["validate", "--layer", "compiled"]) == 1
     printed = capsys.readouterr().out
@@ -73,7 +73,7 @@ def test_what_could_not_be_checked_is_said(monkeypatch, capsys) -> None:
 
 
 @pytest.mark.slow
-def test_conditions_are_flown_effect_by_effect(tmp_path, monkeypatch) -> None:
+def test_conditions_are_flown_effect_by_effect(tmp_path, monkeypatch):
     """Their own file is named in the command that repeats them."""
     file = tmp_path / "push.toml"
     folder = tmp_path / "checked"
@@ -96,7 +96,7 @@ def test_conditions_are_flown_effect_by_effect(tmp_path, monkeypatch) -> None:
 
 def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked(
     tmp_path, refused, monkeypatch
-) -> None:
+):
     file = tmp_path / "slow.toml"
     file.write_text("[thrusters]\nleast_on = 0.1\n", "utf-8")
     monkeypatch.setattr(validation.study.study, "_chosen", None)

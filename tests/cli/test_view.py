@@ -28,7 +28,7 @@ def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_replay_is_saved(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_replay_is_saved(capsys):
     options = "--episodes 2 --engine drake --save replay.html"
     assert main([*f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}".split()]) == 0
     printed = capsys.readouterr().out
@@ -40,7 +40,7 @@ def test_a_replay_is_saved(capsys: pytest.CaptureFixture[str]) -> None:
     )
 
 
-def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str], refused: Any) -> None:
+def test_a_page_in_which_an_agent_flies(capsys, refused):
     command = "view pretrained:go-to-pose-2d --play --save fly.html --episode 3"
     assert main([*command.split()]) == 0
     assert capsys.readouterr().out.startswith("fly.html (")
@@ -61,7 +61,7 @@ def test_a_page_in_which_an_agent_flies(capsys: pytest.CaptureFixture[str], refu
         ("go-to-pose-2d", "--play", "Fly along at", b"class Flight"),
     ],
 )
-def test_it_serves_until_it_is_interrupted(name: str, option: str, said: str, has: bytes) -> None:
+def test_it_serves_until_it_is_interrupted(name, option, said, has):
     with command("view", name, *option.split()) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
@@ -77,9 +77,7 @@ def test_it_serves_until_it_is_interrupted(name: str, option: str, said: str, ha
         assert "interrupted" not in errors
 
 
-def test_every_option_reaches_the_flights(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_option_reaches_the_flights(monkeypatch, capsys):
     """And of all flights the first is framed."""
     asked = []
     framed = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import gymnasium
 import numpy as np
@@ -18,7 +17,7 @@ SHUT = platform(actuators=Throttle(0.3, 0.8))
 """Engines of 30 to 80 % that may be shut."""
 
 
-def test_ranges_follow_from_the_effectors() -> None:
+def test_ranges_follow_from_the_effectors():
     assert {(one.kind, one.low, one.high) for one in LANDER.commands} == {("throttle", 0.3, 0.8)}
     assert {(one.kind, one.low, one.high) for one in SHUT.commands} == {("throttle", 0.0, 0.8)}
     assert [one.name for one in WHEELED.commands[-2:]] == ["thruster 7", "wheel 0"]
@@ -29,7 +28,7 @@ def test_ranges_follow_from_the_effectors() -> None:
     ]
 
 
-def test_spaces_follow_from_the_ranges() -> None:
+def test_spaces_follow_from_the_ranges():
     assert action_space(LANDER) == gymnasium.spaces.Box(0.3, 0.8, (6,), np.float32)
     space = action_space(CUBESAT)
     assert isinstance(space, gymnasium.spaces.Box)
@@ -38,7 +37,7 @@ def test_spaces_follow_from_the_ranges() -> None:
 
 
 @pytest.mark.parametrize("actuators", [None, Pulsed(10), Throttle()])
-def test_outputs_from_0_to_1_are_commands_as_they_are(actuators: Any) -> None:
+def test_outputs_from_0_to_1_are_commands_as_they_are(actuators):
     craft = load_spacecraft("floating-platform")
     craft = craft if actuators is None else replace(craft, actuators=actuators)
     outputs = (0.5,) * 8
@@ -47,7 +46,7 @@ def test_outputs_from_0_to_1_are_commands_as_they_are(actuators: Any) -> None:
 
 
 @pytest.mark.parametrize("craft", [LANDER, CUBESAT, WHEELED, BURNING, SHUT], ids=lambda c: c.name)
-def test_a_file_says_all_of_it(craft: Any) -> None:
+def test_a_file_says_all_of_it(craft):
     read = parse_spacecraft(to_toml(craft), "x")
     assert (read.wheels, read.propellant) == (craft.wheels, craft.propellant)
     assert read.actuators == craft.actuators

@@ -26,7 +26,7 @@ from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
 from tests.support.training import learner_on
 
 
-def test_gymnasium_knows_its_command() -> None:
+def test_gymnasium_knows_its_command():
     craft = replace(TURNED, actuators=Throttle())
     env = gymnasium.make("rans/GoToPose2D-v0", spacecraft=craft).unwrapped
     check_env(env, skip_render_check=True)
@@ -34,7 +34,7 @@ def test_gymnasium_knows_its_command() -> None:
     assert (space.low[-1], space.high[-1]) == (-1.0, 1.0)
 
 
-def test_an_agent_trains_and_flies_with_it() -> None:
+def test_an_agent_trains_and_flies_with_it():
     engine = rans.Engine(TURNED, "go-to-pose", 16)
     learner_on(engine, n_steps=8).learn()
     policy = untrained_policy(TURNED)
@@ -43,7 +43,7 @@ def test_an_agent_trains_and_flies_with_it() -> None:
     assert ways[0].flights == ways[1].flights == 64
 
 
-def test_its_file_says_what_it_is() -> None:
+def test_its_file_says_what_it_is():
     text = to_toml(TURNED_IN_SPACE)
     assert parse_spacecraft(text, "a file").further_effectors == TURNED_IN_SPACE.further_effectors
     assert "[[effector]]" not in to_toml(load_spacecraft("free-flyer"))
@@ -59,7 +59,7 @@ class Pusher(Torquer):
 
 
 @pytest.mark.filterwarnings("ignore:.*cannot push and turn it")
-def test_a_craft_may_have_no_other_effector() -> None:
+def test_a_craft_may_have_no_other_effector():
     """0.03 N m about one axis turn moments of 0.1, 0.2 and 0.3 kg m^2 by 0.3 rad/s^2 at most."""
     inertia = ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3))
     alone = replace(TURNED_IN_SPACE, thrusters=(), inertia=inertia)
@@ -76,7 +76,7 @@ class Unknown(Torquer):
     """Nobody told Drake of it."""
 
 
-def test_what_knows_nothing_of_it_refuses() -> None:
+def test_what_knows_nothing_of_it_refuses():
     for check in (check_relaxation, check_certifiable):
         with pytest.raises(ConfigError, match="effectors of other"):
             check(TURNED)

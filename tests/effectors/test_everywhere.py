@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,7 +36,7 @@ every_craft = pytest.mark.parametrize("craft", [*ALL, *OWN], ids=NAMES)
 
 
 @every_craft
-def test_engines_step_alike(craft: Spacecraft) -> None:
+def test_engines_step_alike(craft):
     """The program in single precision, torch as it is written, and NumPy in double precision."""
     found = {}
     for kind in ("program", "plain", "double"):
@@ -52,7 +51,7 @@ def test_engines_step_alike(craft: Spacecraft) -> None:
 
 
 @every_craft
-def test_an_episode_begins_with_full_tanks_and_still_wheels(craft: Spacecraft) -> None:
+def test_an_episode_begins_with_full_tanks_and_still_wheels(craft):
     engine = rans.Engine(craft, task_of(craft), 8, Timing(episode_steps=3))
     initial = [store.initial for store in craft.stores]
     for _ in range(2):
@@ -79,7 +78,7 @@ def flown_alike(
 
 
 @pytest.mark.parametrize("craft", [*ALL[::2], *OWN], ids=[*NAMES[:5:2], *NAMES[5:]])
-def test_drake_flies_an_episode_alike(craft: Spacecraft) -> None:
+def test_drake_flies_an_episode_alike(craft):
     timing = Timing(episode_steps=20, checks=2)
     store = flown_alike(craft, timing, 3, 2e-6 if craft in OWN else 2e-5)
     assert store.shape == (21, 3)
@@ -93,7 +92,7 @@ def untrained(request: Any) -> tuple[Spacecraft, Network]:
     return craft, untrained_policy(craft)
 
 
-def test_whole_flights_are_those_of_the_agent(untrained: Any) -> None:
+def test_whole_flights_are_those_of_the_agent(untrained):
     craft, network = untrained
     task = rans.load_task(task_of(craft)).for_evaluation()
     timing = chosen(craft, Timing(episode_steps=25))
@@ -105,7 +104,7 @@ def test_whole_flights_are_those_of_the_agent(untrained: Any) -> None:
         assert flown.sums["impulse"].mean == pytest.approx(impulses(flight).mean(), rel=2e-3)
 
 
-def test_exported_programs_command_in_the_ranges(untrained: Any, tmp_path: Path) -> None:
+def test_exported_programs_command_in_the_ranges(untrained, tmp_path):
     craft, network = untrained
     seen = np.random.default_rng(0).normal(size=(5, 8, network.architecture.layout.width))
     seen = seen.astype(np.float32)
@@ -124,7 +123,7 @@ def test_exported_programs_command_in_the_ranges(untrained: Any, tmp_path: Path)
 
 
 @pytest.mark.parametrize("craft", [CUBESAT, LANDER], ids=lambda craft: craft.name)
-def test_engines_give_policies_the_ranges(craft: Spacecraft) -> None:
+def test_engines_give_policies_the_ranges(craft):
     engine = rans.Engine(craft, task_of(craft), 64)
     outputs = torch.rand(64, len(craft.commands))
     low, high = np.array([(one.low, one.high) for one in craft.commands]).T
@@ -132,7 +131,7 @@ def test_engines_give_policies_the_ranges(craft: Spacecraft) -> None:
     np.testing.assert_allclose(given, low + (high - low) * outputs.numpy(), atol=1e-6)
 
 
-def test_metrics_tell_of_propellant_and_wheels() -> None:
+def test_metrics_tell_of_propellant_and_wheels():
     """By hand: full thrust of all eight for 5 s, and a wheel that is filled up to its limit."""
     task = rans.GoToPose()
     timing = Timing(episode_steps=25)
@@ -146,7 +145,7 @@ def test_metrics_tell_of_propellant_and_wheels() -> None:
     assert found["on-time"].tolist() == [40.0] * 3
 
 
-def test_optimal_control_keeps_to_throttle_levels() -> None:
+def test_optimal_control_keeps_to_throttle_levels():
     """Always lit at 10 to 90 %: no command of the optimum is beyond, and some are at both ends."""
     from rans.model.actuators import Throttle
     from rans.optimal.trajectory.objectives import MinimumFuel
@@ -165,7 +164,7 @@ def test_optimal_control_keeps_to_throttle_levels() -> None:
     assert 0.5 < found.commands.max() <= 0.9
 
 
-def test_a_policy_without_wheels_has_no_view_to_turn() -> None:
+def test_a_policy_without_wheels_has_no_view_to_turn():
     from rans.policy.symmetry import symmetries
 
     assert symmetries(replace(WHEELED, wheels=())) is not None

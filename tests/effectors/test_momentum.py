@@ -15,7 +15,7 @@ from tests.support.effector_crafts import platform
 
 
 @pytest.mark.parametrize("kind", ["program", "double"])
-def test_no_engine_loses_a_craft_with_a_tank_and_slow_valves(kind: str) -> None:
+def test_no_engine_loses_a_craft_with_a_tank_and_slow_valves(kind):
     """The conditions that come with RANS for a hard day; a tank of 70 kg of 116.8, and nozzles of 7.3 N."""
     force = 7.3
     craft = platform()

@@ -46,17 +46,17 @@ def within(apart: Apart, force: float = 0.5) -> None:
     ],
 )
 def test_effects_together_agree_with_scipy(
-    effects: tuple[str, ...],
-    dimension: Literal[2, 3],
-    period: float,
-    seed: int,
-    seconds: float,
-    force: float | None,
-) -> None:
+    effects,
+    dimension,
+    period,
+    seed,
+    seconds,
+    force,
+):
     within(compare(effects, dimension, period, seed, seconds, force), force or 0.5)
 
 
-def test_one_step_of_a_stiff_craft_would_not_do() -> None:
+def test_one_step_of_a_stiff_craft_would_not_do():
     assert compare((STIFF,), 3, 0.2, 1, 5.0, substeps=1).attitude > 100.0 * BOUND
 
 
@@ -71,9 +71,7 @@ def test_one_step_of_a_stiff_craft_would_not_do() -> None:
         ((PLACE, "gravity", "body"), 3, 0.2, 3.0),
     ],
 )
-def test_the_centre_of_mass_moves_as_a_tank_at_a_place_empties(
-    effects: tuple[str, ...], dimension: Literal[2, 3], period: float, seconds: float
-) -> None:
+def test_the_centre_of_mass_moves_as_a_tank_at_a_place_empties(effects, dimension, period, seconds):
     """Tanks of a fifth to half of the mass, which all nozzles together empty within 8 s."""
     found = compare(effects, dimension, period, seed=2, seconds=seconds)
     within(found)
@@ -81,7 +79,7 @@ def test_the_centre_of_mass_moves_as_a_tank_at_a_place_empties(
 
 
 @pytest.mark.parametrize("effects", [("wheels",), ("tank", "wheels")])
-def test_gravity_turns_wheels_and_what_is_left_of_a_tank(effects: tuple[str, ...]) -> None:
+def test_gravity_turns_wheels_and_what_is_left_of_a_tank(effects):
     """An orbit of 209 s, and a tank that is empty within 8 s: wheels do not lose mass."""
     found = compare((GRADIENT, *effects), 3, 0.2, seed=3, seconds=2.0)
     within(found)
@@ -95,7 +93,7 @@ valves."""
 GROUPS = groups(5)
 
 
-def test_every_pair_is_in_a_group() -> None:
+def test_every_pair_is_in_a_group():
     together = {pair for group in GROUPS for pair in itertools.combinations(group, 2)}
     assert together == set(PAIRS)
 
@@ -113,7 +111,7 @@ def duration(number: int) -> float:
 @pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
-def test_every_pair_of_effects_agrees_with_scipy(number: int, dimension: Literal[2, 3]) -> None:
+def test_every_pair_of_effects_agrees_with_scipy(number, dimension):
     """Every pair is in a group of effects, which fly in the plane and in space, with every force by turns."""
     if GRADIENT in GROUPS[number] and dimension == 2:
         pytest.skip("gravity turns craft in space")
@@ -123,13 +121,11 @@ def test_every_pair_of_effects_agrees_with_scipy(number: int, dimension: Literal
 
 
 @pytest.mark.parametrize(("pair", "dimension"), [((PLACE, "push"), 2), (("orbit", "kick"), 2)])
-def test_a_pair_of_effects_agrees_with_drake(
-    pair: tuple[str, str], dimension: Literal[2, 3]
-) -> None:
+def test_a_pair_of_effects_agrees_with_drake(pair, dimension):
     within(compare_with_drake(pair, dimension, 0.5, seed=2))
 
 
-def test_drake_weighs_a_craft_while_thrust_grows() -> None:
+def test_drake_weighs_a_craft_while_thrust_grows():
     """RANS is 5e-13 rad from SciPy here. Drake was 1.7e-5 rad off while it took one mass for a whole ramp."""
     effects = ("tank", "gravity", "body", "ramps", "swing")
     found = compare(effects, 2, 0.5, seed=2, seconds=5.0)
@@ -139,7 +135,7 @@ def test_drake_weighs_a_craft_while_thrust_grows() -> None:
 
 
 @pytest.mark.slow
-def test_halving_its_step_shows_the_error_of_drake_where_a_tank_empties() -> None:
+def test_halving_its_step_shows_the_error_of_drake_where_a_tank_empties():
     """RANS is 2e-9 rad from SciPy here. Both errors of Drake, of steps and of weighings, fall by 4 or more."""
     coarse, fine = (
         compare_with_drake(("tank", "wheels"), 3, 0.2, 3, 8.0, step).attitude
@@ -151,7 +147,7 @@ def test_halving_its_step_shows_the_error_of_drake_where_a_tank_empties() -> Non
 
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
-def test_every_pair_of_effects_agrees_with_drake(number: int) -> None:
+def test_every_pair_of_effects_agrees_with_drake(number):
     """Drake has its own masses, nozzles and joints."""
     dimension: Literal[2, 3] = 2 if number % 2 and GRADIENT not in GROUPS[number] else 3
     period = (0.2, 0.5)[number // 2 % 2]

@@ -21,7 +21,7 @@ LIGHT = replace(BURNING, propellant=Propellant(3.0, 0.5))
 
 @pytest.mark.filterwarnings("ignore:.*can hardly be controlled:UserWarning")
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_conditions_leave_mass_to_a_craft_with_an_empty_tank(dimension: int) -> None:
+def test_conditions_leave_mass_to_a_craft_with_an_empty_tank(dimension):
     """Half of the mass is propellant: with 0.499 times the mass the empty craft would weigh less than nothing."""
     craft = LIGHT if dimension == 2 else LANDER
     tank = craft.propellant
@@ -46,7 +46,7 @@ def test_conditions_leave_mass_to_a_craft_with_an_empty_tank(dimension: int) -> 
 
 
 @pytest.mark.filterwarnings("ignore:.*can hardly be controlled:UserWarning")
-def test_the_lightest_craft_that_conditions_may_have_flies_on_an_empty_tank() -> None:
+def test_the_lightest_craft_that_conditions_may_have_flies_on_an_empty_tank():
     """Of its 3.19 kg 0.19 are no propellant; its thrust lasts until that is gone and moves it no further."""
     conditions = Conditions(body=BodyConditions(mass=0.6))
     engine = rans.Engine(
@@ -62,7 +62,7 @@ def test_the_lightest_craft_that_conditions_may_have_flies_on_an_empty_tank() ->
 
 
 @pytest.mark.filterwarnings("ignore:.*can hardly be controlled:UserWarning")
-def test_substeps_are_for_the_lightest_craft() -> None:
+def test_substeps_are_for_the_lightest_craft():
     """An empty craft of a body with half the mass has less than half of the designed one's inertia."""
     body = Body.of(LIGHT)
     light = replace(body, mass=0.6 * body.mass, inertia=(0.6 * body.inertia[0],))

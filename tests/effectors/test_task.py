@@ -46,7 +46,7 @@ COLUMN = [one.name for one in rans.tasks.observation_columns(Descend(), 3)].inde
 TIMING = Timing(control_period=0.5, episode_steps=20)
 
 
-def test_policy_and_reward_see_the_propellant() -> None:
+def test_policy_and_reward_see_the_propellant():
     engine = rans.Engine(LANDER, Descend(), 4, TIMING)
     np.testing.assert_allclose(engine.observe()[:, COLUMN], 400.0)
     step = engine.step(torch.full((4, 6), 0.8))

@@ -8,7 +8,7 @@ from rans import Spacecraft
 from tests.support.effector_crafts import CUBESAT, WHEELED
 
 
-def test_a_wheel_turns_a_craft_whose_thrusters_cannot() -> None:
+def test_a_wheel_turns_a_craft_whose_thrusters_cannot():
     from rans.model.spacecraft import can_turn, controls_every_direction
 
     assert can_turn(CUBESAT)
@@ -16,7 +16,7 @@ def test_a_wheel_turns_a_craft_whose_thrusters_cannot() -> None:
     assert not can_turn(replace(CUBESAT, wheels=()))
 
 
-def test_a_wheel_makes_up_for_thrusters_that_turn() -> None:
+def test_a_wheel_makes_up_for_thrusters_that_turn():
     """Four thrusters through the centre of mass: with a wheel no dead one leaves it steerable, whole it is."""
     from rans.randomization.faults import margin
 

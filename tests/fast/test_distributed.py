@@ -113,7 +113,7 @@ def counted_flights(world: Processes = ALONE) -> dict[str, Any]:
 
 
 @pytest.mark.slow
-def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
+def test_two_processes_learn_what_one_does(tmp_path):
     """Same starts, actions and minibatches, and sums in another order: the same agents to rounding."""
     start_processes(one_of_two, (tmp_path,), nprocs=2)
     alone = learned(started())
@@ -139,7 +139,7 @@ def test_two_processes_learn_what_one_does(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_processes_that_work_apart_know_what_one_would(tmp_path: Path) -> None:
+def test_processes_that_work_apart_know_what_one_would(tmp_path):
     """Flights are divided, and what became of all is known to all."""
     start_processes(one_of_two_apart, (tmp_path,), nprocs=2)
     alone = counted_flights()
@@ -150,7 +150,7 @@ def test_processes_that_work_apart_know_what_one_would(tmp_path: Path) -> None:
     assert [Processes(rank, 3).part(7) for rank in range(3)] == [(0, 2), (2, 2), (4, 3)]
 
 
-def test_alone_nothing_changes() -> None:
+def test_alone_nothing_changes():
     rows = torch.arange(6.0)
     assert ALONE.mine(rows) is ALONE.whole(rows) is ALONE.average(rows) is rows
     assert ALONE.any(True, False) == (True, False)
@@ -178,9 +178,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 @pytest.mark.slow
-def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(tmp_path, monkeypatch, capsys):
     """Which one process then resumes. They are on two machines, here both are this one."""
     monkeypatch.chdir(tmp_path)
     Path("mortal.py").write_text(MORTAL)
@@ -226,7 +224,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(
 
 
 @pytest.mark.slow
-def test_who_waits_forever_hears_a_signal() -> None:
+def test_who_waits_forever_hears_a_signal():
     """As where the GPU waits for a process that is gone: Python's own handlers then never run."""
     code = (
         "import signal, threading; from rans.fast.distributed import leave_when_stuck; "

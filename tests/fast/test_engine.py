@@ -40,7 +40,7 @@ class ToALine(GoToPose):
 
 
 @by_turns
-def test_a_number_is_a_column(backend: Any, craft: Spacecraft) -> None:
+def test_a_number_is_a_column(backend, craft):
     if craft.dimension == 2:
         engine = backend(craft, ToALine(), 4, SHORT, seed=3)
         assert torch.equal(engine.reset(seed=1)[:, 6], torch.zeros(4))
@@ -48,7 +48,7 @@ def test_a_number_is_a_column(backend: Any, craft: Spacecraft) -> None:
 
 
 @by_turns
-def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -> None:
+def test_a_lost_state_earns_nothing_and_fails(backend, craft):
     """The others' rewards stay as they are, to the last bit."""
     engine, whole = (backend(craft, NEAR, 4, SHORT, seed=3, dtype=torch.float64) for _ in range(2))
     engine.state.p.x[1] = torch.nan
@@ -64,9 +64,7 @@ def test_a_lost_state_earns_nothing_and_fails(backend: Any, craft: Spacecraft) -
 
 @by_turns
 @pytest.mark.parametrize("mass", [math.nan, 1e-9])
-def test_the_last_observation_of_a_lost_state_is_finite(
-    backend: Any, craft: Spacecraft, mass: float
-) -> None:
+def test_the_last_observation_of_a_lost_state_is_finite(backend, craft, mass):
     """A mass that is no number, or that flies away at 1e8 m/s within a period, in every program."""
     body = replace(Body.of(craft), mass=np.full(4, craft.mass))
     far = replace(NEAR, fail_distance=1e20)
@@ -83,7 +81,7 @@ def test_the_last_observation_of_a_lost_state_is_finite(
 
 
 @by_turns
-def test_reset_goes_on_counting_and_a_seed_starts_over(backend: Any, craft: Spacecraft) -> None:
+def test_reset_goes_on_counting_and_a_seed_starts_over(backend, craft):
     engine = backend(craft, NEAR, 3, SHORT, seed=5)
     first = engine.observe()
     second = engine.reset()
@@ -96,7 +94,7 @@ def test_reset_goes_on_counting_and_a_seed_starts_over(backend: Any, craft: Spac
     )
 
 
-def test_reset_forgets_the_steps(backend: Any) -> None:
+def test_reset_forgets_the_steps(backend):
     engine = backend(PLATFORM, GoToPose(), 2, Timing(episode_steps=5))
     still = torch.zeros(2, 8)
     for _ in range(3):
@@ -105,7 +103,7 @@ def test_reset_forgets_the_steps(backend: Any) -> None:
     assert [bool(engine.step(still).truncated.all()) for _ in range(5)] == [False] * 4 + [True]
 
 
-def test_stagger_spreads_the_ends(backend: Any) -> None:
+def test_stagger_spreads_the_ends(backend):
     engine = backend(PLATFORM, GoToPose(), 2000, Timing(episode_steps=10))
     engine.stagger(torch.Generator().manual_seed(1))
     truncated = torch.stack([engine.step(torch.zeros(2000, 8)).truncated for _ in range(30)])
@@ -117,7 +115,7 @@ def test_stagger_spreads_the_ends(backend: Any) -> None:
     assert (truncated.sum(dim=0) == 3).all()
 
 
-def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend: Any) -> None:
+def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend):
     """Of an engine that has flown before, as a second training on it begins."""
     fresh, used = (backend(PLATFORM, NEAR, 16, SHORT) for _ in range(2))
     run(used, 27)
@@ -130,7 +128,7 @@ def test_stagger_forgets_the_steps_and_keeps_the_episodes(backend: Any) -> None:
     assert torch.equal(clock % 32, torch.as_tensor(fresh.episode.clock))
 
 
-def test_a_foreign_state_is_refused(backend: Any) -> None:
+def test_a_foreign_state_is_refused(backend):
     saved = backend(PLATFORM, NEAR, 1, SHORT).save_state()
     with pytest.raises(ConfigError, match="4 environments of 'floating-platform'"):
         backend(PLATFORM, NEAR, 4, SHORT).load_state(saved)
@@ -143,7 +141,7 @@ def test_a_foreign_state_is_refused(backend: Any) -> None:
 
 
 @by_turns
-def test_results_are_never_written_again(backend: Any, craft: Spacecraft) -> None:
+def test_results_are_never_written_again(backend, craft):
     engine = backend(craft, NEAR, 16, SHORT, seed=9)
     observed = engine.observe()
     kept = [observed.clone()]
@@ -155,7 +153,7 @@ def test_results_are_never_written_again(backend: Any, craft: Spacecraft) -> Non
         assert torch.equal(before, now)
 
 
-def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
+def test_actions_of_any_dtype_and_layout_mean_the_same(backend):
     action = actions(PLATFORM, 16, 1)[0]
     forms = [action, action.bool(), action.float(), action.to(torch.int8), action.T.contiguous().T]
     seen = [backend(PLATFORM, NEAR, 16, SHORT).step(form).final_observation for form in forms]
@@ -165,9 +163,7 @@ def test_actions_of_any_dtype_and_layout_mean_the_same(backend: Any) -> None:
 
 @pytest.mark.parametrize("wrong", [math.nan, math.inf, -0.1, 5.0])
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(
-    wrong: float, dtype: torch.dtype
-) -> None:
+def test_what_no_thruster_can_be_told_is_told_at_once_on_a_cpu(wrong, dtype):
     """And nothing has moved."""
     engine = Engine(PLATFORM, NEAR, 4, SHORT)
     before = engine.observe()
@@ -190,7 +186,7 @@ SHUT = torch.zeros(2, 8)
         (SHUT.clone().requires_grad_(), "must not require gradients"),
     ],
 )
-def test_odd_actions(actions: Any, said: str) -> None:
+def test_odd_actions(actions, said):
     for engine in (Engine(PLATFORM, GoToPose(), 2), Engine(PLATFORM, GoToPose(), 2, plain=True)):
         with pytest.raises(ConfigError, match=said):
             engine.step(actions)

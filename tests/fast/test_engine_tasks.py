@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
 
-from rans import ConfigError, Spacecraft
+from rans import ConfigError
 from rans.model.fields import leaves
 from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity, observation
@@ -26,7 +24,7 @@ MIXED = MultiTask(
 
 
 @by_turns
-def test_every_valve_that_moves_is_paid_for(backend: Any, craft: Spacecraft) -> None:
+def test_every_valve_that_moves_is_paid_for(backend, craft):
     """Episodes begin with all valves shut, wherever the last one ended."""
     engine = backend(craft, COSTLY, 32, SHORT, seed=1)
     paid = engine.term_names.index("switching")
@@ -45,7 +43,7 @@ def test_every_valve_that_moves_is_paid_for(backend: Any, craft: Spacecraft) -> 
     torch.testing.assert_close(opened, torch.full((32,), -0.25 * len(craft.thrusters)))
 
 
-def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend: Any) -> None:
+def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend):
     """A byte a thruster, where switching costs anything; by default state, clock and the goal's attitude:
     actuators, drifts, bodies and goals that move cost nothing where they are the usual ones."""
     engines = [backend(PLATFORM, task, 16, SHORT) for task in (NEAR, COSTLY)]
@@ -61,7 +59,7 @@ def test_it_remembers_what_the_task_looks_at_and_nothing_more(backend: Any) -> N
     indirect=["backend"],
     ids=["switching", "multi-task"],
 )
-def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft, task: Any) -> None:
+def test_a_loaded_state_goes_on_bit_for_bit(backend, craft, task):
     engine, other = (backend(craft, task, 16, SHORT, seed=seed) for seed in (9, 123))
     run(engine, 7)
     saved = engine.save_state()
@@ -74,14 +72,14 @@ def test_a_loaded_state_goes_on_bit_for_bit(backend: Any, craft: Spacecraft, tas
     assert before == ([x.data_ptr() for x in leaves(other.state)] if craft is FLYER else [])
 
 
-def test_a_state_without_commands_is_refused_where_they_are_needed(backend: Any) -> None:
+def test_a_state_without_commands_is_refused_where_they_are_needed(backend):
     saved = backend(PLATFORM, NEAR, 4, SHORT).save_state()
     with pytest.raises(ConfigError, match="saved state is not one of 4 environments"):
         backend(PLATFORM, COSTLY, 4, SHORT).load_state(saved)
 
 
 @by_turns
-def test_episode_k_is_the_same_however_many_fly(backend: Any, craft: Spacecraft) -> None:
+def test_episode_k_is_the_same_however_many_fly(backend, craft):
     """Environment i of N flies episodes i, i + N, i + 2 N, ... as `scenario` gives them, each with its task."""
     flags = set()
     for count in (1, 3, 7):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from rans import GoToPose, Spacecraft, Timing, run_on
+from rans import GoToPose, Timing, run_on
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
@@ -51,7 +51,7 @@ def as_stepped(found: FlightStatistics, network: Network, given: Setup, seed: in
 
 
 @both_crafts
-def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
+def test_they_are_the_evaluations_flights(craft):
     """Scenario by scenario, in float64 there; no task of these ends a flight."""
     task = replace(WIDE, fail_distance=1e3, fail_spin=1e3)
     network = policy(craft, task)
@@ -76,7 +76,7 @@ def test_they_are_the_evaluations_flights(craft: Spacecraft) -> None:
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "pingu"])
-def test_allocation_is_flown(name: str) -> None:
+def test_allocation_is_flown(name):
     """On/off thrusters, and throttled ones beside a wheel; an uneven craft has more subsets than pay."""
     craft = load_spacecraft(name)
     agent = contestant("pretrained:any-craft-2d").controller
@@ -112,7 +112,7 @@ def perfect() -> FlightStatistics:
         not in ("thrust", "rise", "named", "recoverable", "push", "swing", "sensors", "dropout")
     ],
 )
-def test_conditions_are_flown(effect: str) -> None:
+def test_conditions_are_flown(effect):
     """Valves that hold and sensors that are late remember several periods, each moved on by the next."""
     network = policy(PLATFORM)
     given = setup(PLATFORM, conditions=EFFECTS[effect])
@@ -121,7 +121,7 @@ def test_conditions_are_flown(effect: str) -> None:
     assert perfect().sums["return"] != found.sums["return"]
 
 
-def test_stepping_on_torch_is_stepping_on_numpy() -> None:
+def test_stepping_on_torch_is_stepping_on_numpy():
     """As on a GPU, where nothing is compiled."""
     network = policy(PLATFORM, history=1)
     given = setup(PLATFORM, conditions=EFFECTS["body"])
@@ -130,7 +130,7 @@ def test_stepping_on_torch_is_stepping_on_numpy() -> None:
     alike(torches.fly(0, COUNT, 5), numpy.fly(0, COUNT, 5), different=2, share=1e-3)
 
 
-def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_parts_add_up_to_the_whole(monkeypatch):
     network = policy(PLATFORM, zoom=8.0)
     given = setup(PLATFORM)
     whole = Flights(network, given).fly(0, COUNT, 1)
@@ -145,7 +145,7 @@ def test_parts_add_up_to_the_whole(monkeypatch: pytest.MonkeyPatch) -> None:
     alike(two, whole)
 
 
-def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_are_divided_among_processes(monkeypatch):
     network = policy(PLATFORM)
     given = setup(PLATFORM)
     whole = Flights(network, given).fly(5, COUNT, 1)
@@ -158,7 +158,7 @@ def test_many_are_divided_among_processes(monkeypatch: pytest.MonkeyPatch) -> No
     assert sorted(told) == [44, 128, 128]
 
 
-def test_a_state_that_is_not_finite_ends_its_flight() -> None:
+def test_a_state_that_is_not_finite_ends_its_flight():
     """Starts so far away that float32 squares of them overflow."""
     task = GoToPose(spawn_distance=(1.0, 1e31), fail_distance=1e38)
     for how in (True, False):

@@ -57,7 +57,7 @@ def updates(craft: Any = PLATFORM, **settings: Any) -> int:
 @pytest.mark.parametrize(
     ("craft", "counted"), [(PLATFORM, 124), (FLYER, 124)], ids=["plane", "space"]
 )
-def test_a_minibatch(craft: Any, counted: int) -> None:
+def test_a_minibatch(craft, counted):
     """What one more epoch of two minibatches adds; and a third adds as much as the second.
 
     Twenty of them are Adam's, one kernel where they are compiled.
@@ -67,7 +67,7 @@ def test_a_minibatch(craft: Any, counted: int) -> None:
     assert (two - one) / 2 <= SLACK * counted
 
 
-def test_what_a_critic_is_told_of_conditions() -> None:
+def test_what_a_critic_is_told_of_conditions():
     """However many numbers they draw: all of them beside each other, less the mean, times the scale."""
     engine = Engine(PLATFORM, NEAR, 16, SHORT, conditions="lab", remember=True)
     assert engine.privileged_quantities.width > 10
@@ -75,7 +75,7 @@ def test_what_a_critic_is_told_of_conditions() -> None:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
-def test_nothing_waits_for_the_device(craft: Any) -> None:
+def test_nothing_waits_for_the_device(craft):
     """A number taken from a tensor stops the host until the device is done, and cannot be in a CUDA graph."""
     model = trained(craft)
     found = operations(model.collect) + operations(model.update)

@@ -78,9 +78,7 @@ def witness() -> Witness:
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 @pytest.mark.parametrize("conditions", [None, "lab"])
-def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
-    witness: Witness, craft: Any, conditions: str | None
-) -> None:
+def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(witness, craft, conditions):
     engine = Engine(craft, witness, 4, SHORTEST, plain=True, conditions=conditions)
     for _ in range(2 * SHORTEST.episode_steps):
         witness.rewarded.clear()
@@ -101,7 +99,7 @@ def test_a_task_is_given_tensors_once_a_step_and_never_a_symbol(
     ],
     ids=str,
 )
-def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[str, Any]) -> None:
+def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings):
     plain, fast = (
         learner_on(Engine(PLATFORM, "go-to-pose", 64, plain=plain), n_steps=16, **settings)
         for plain in (True, False)
@@ -121,13 +119,13 @@ def test_iterations_of_ppo_equal_the_fast_ones_but_for_rounding(settings: dict[s
     assert max(moved) > 0.01  # so that 2e-4 says something
 
 
-def test_a_learner_may_be_plain_on_an_engine_that_is_not() -> None:
+def test_a_learner_may_be_plain_on_an_engine_that_is_not():
     engine = Engine(PLATFORM, "go-to-pose", 8)
     assert learner_on(engine, plain=True, n_steps=16).backend is None
     assert learner_on(engine, n_steps=16).backend is not None
 
 
-def test_flights_equal_the_fast_ones_but_for_rounding() -> None:
+def test_flights_equal_the_fast_ones_but_for_rounding():
     run = rans.load_agent("go-to-pose-2d")
     network: Any = run.controller
     setup = Setup(run.craft, run.task, run.timing)
@@ -139,7 +137,7 @@ def test_flights_equal_the_fast_ones_but_for_rounding() -> None:
     assert plain.ways == {"stepping, cpu"}
 
 
-def test_environments_hand_the_flag_to_their_engine(witness: Witness) -> None:
+def test_environments_hand_the_flag_to_their_engine(witness):
     envs: Any = gymnasium.make_vec("rans/GoToPose2D-v0", num_envs=2, plain=True)
     assert envs.unwrapped.engine.plain
     assert rans.SB3VecEnv(Engine(PLATFORM, "go-to-pose", 2, plain=True)).engine.plain
@@ -151,14 +149,14 @@ def test_environments_hand_the_flag_to_their_engine(witness: Witness) -> None:
 # What a newcomer reads.
 
 
-def test_a_step_touches_few_files() -> None:
+def test_a_step_touches_few_files():
     engine = Engine(PLATFORM, "go-to-pose", 8, plain=True)
     command = torch.zeros(8, 8)
     engine.step(command)
     assert len(found := touched(lambda: engine.step(command))) <= STEP_FILES, sorted(found)
 
 
-def test_an_iteration_touches_few_files_beside_those_of_its_steps() -> None:
+def test_an_iteration_touches_few_files_beside_those_of_its_steps():
     engine = Engine(PLATFORM, "go-to-pose", 16, SHORTEST, plain=True)
     learner = learner_on(engine, n_steps=4)
     learner.learn()
@@ -184,7 +182,7 @@ def touched(action: Callable[[], object]) -> Counter[str]:
     return found
 
 
-def test_gradients_lead_through_several_steps() -> None:
+def test_gradients_lead_through_several_steps():
     """Against differences, from the first commands to the rewards of three periods."""
     engine = Engine(PLATFORM, GoToPose(), 2, SHORT, dtype=torch.float64, plain=True)
 

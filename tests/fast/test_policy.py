@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
-
 import numpy as np
 import pytest
 import stable_baselines3
@@ -30,7 +27,7 @@ from tests.support.training import (
 
 @pytest.mark.parametrize("continuous", [False, True], ids=["on/off", "duty"])
 @both_crafts
-def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None:
+def test_it_begins_with_the_weights_of_sb3(craft, continuous):
     """Of the same seed, which then gives the same random numbers."""
     given = Architecture(
         make_network(craft).architecture.layout,
@@ -48,7 +45,7 @@ def test_it_begins_with_the_weights_of_sb3(craft: Any, continuous: bool) -> None
 
 
 @both_crafts
-def test_a_critic_that_is_told_nothing_goes_by_the_design(craft: Any) -> None:
+def test_a_critic_that_is_told_nothing_goes_by_the_design(craft):
     """It values states as if told the numbers of the nominal craft, not all of them one; in files too."""
     learner = tiny_learner(craft, privileged_critic=True)
     network = scatter(learner.network)
@@ -65,7 +62,7 @@ def test_a_critic_that_is_told_nothing_goes_by_the_design(craft: Any) -> None:
 
 
 @pytest.mark.parametrize("backbone", ["dense", "allocated"])
-def test_sb3_itself_learns_on_from_it(backbone: str, tmp_path: Path) -> None:
+def test_sb3_itself_learns_on_from_it(backbone, tmp_path):
     engine = Engine(PLATFORM, NEAR, 16, SHORT)
     learner = learner_on(engine, n_steps=8, layers=(16, 16), backbone=backbone)
     network = learner.network
@@ -80,7 +77,7 @@ def test_sb3_itself_learns_on_from_it(backbone: str, tmp_path: Path) -> None:
     assert (weights(model.policy) != before).any()
 
 
-def test_where_an_episode_begins_nothing_is_remembered() -> None:
+def test_where_an_episode_begins_nothing_is_remembered():
     """And elsewhere what was: row by row as if each spacecraft had flown alone, in SB3 too."""
     learner = tiny_learner(memory=MemorySettings(4))
     network = scatter(learner.network)

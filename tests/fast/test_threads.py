@@ -8,7 +8,7 @@ import torch
 from rans.fast.threads import one_thread
 
 
-def test_one_thread_inside_and_as_many_as_before_after() -> None:
+def test_one_thread_inside_and_as_many_as_before_after():
     before = torch.get_num_threads()
     try:
         torch.set_num_threads(3)

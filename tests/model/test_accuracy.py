@@ -52,14 +52,14 @@ def rod(moment: float) -> Spacecraft:
     )
 
 
-def test_shipped_spacecraft_take_one_step(shipped: Spacecraft) -> None:
+def test_shipped_spacecraft_take_one_step(shipped):
     assert chosen(shipped, Timing()).substeps == 1
 
 
 @pytest.mark.parametrize(
     "craft", [nasty_planar(), nasty_spatial(), rod(0.1)], ids=lambda craft: craft.name
 )
-def test_the_fastest_command_is_that_of_all(craft: Spacecraft) -> None:
+def test_the_fastest_command_is_that_of_all(craft):
     """By trying every subset of at most twelve thrusters."""
     craft = replace(craft, thrusters=craft.thrusters[:12])
     torques = np.array(craft.wrench_map)[:, craft.dimension :]
@@ -71,7 +71,7 @@ def test_the_fastest_command_is_that_of_all(craft: Spacecraft) -> None:
     assert spin_up(replace(craft, thrust_sharing="split")) == pytest.approx(alone, rel=1e-12)
 
 
-def test_numbers_by_hand() -> None:
+def test_numbers_by_hand():
     """A rod of 0.1, 1, 1 kg m^2: 1 N m about each axis gives sqrt(102) rad/s^2; moments differ by
     (1 - 0.1) / 1 = 0.9: a step may turn 1 / (1 + 1.5 * 0.9) rad, with its reserve 1 / (1 + 4 * 0.9)."""
     craft = rod(0.1)
@@ -86,7 +86,7 @@ def test_numbers_by_hand() -> None:
 
 @pytest.mark.filterwarnings("ignore:.*cannot push and turn it")
 @pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=lambda craft: craft.name)
-def test_bodies_are_each_what_they_are(craft: Spacecraft) -> None:
+def test_bodies_are_each_what_they_are(craft):
     """Of 30 that differ in everything at once the quickest, by trying every subset of eight thrusters."""
     random = np.random.default_rng(4)
     craft = replace(craft, thrusters=craft.thrusters[:8])
@@ -122,7 +122,7 @@ def test_bodies_are_each_what_they_are(craft: Spacecraft) -> None:
     assert spin_up(craft, bodies) == pytest.approx(most, rel=1e-12)
 
 
-def test_too_fast_for_its_period_is_said_with_numbers() -> None:
+def test_too_fast_for_its_period_is_said_with_numbers():
     with pytest.warns(
         UserWarning,
         match=r"turns it up to 5\.05 rad in a control period of 1 s and leaves it "
@@ -131,7 +131,7 @@ def test_too_fast_for_its_period_is_said_with_numbers() -> None:
         assert chosen(rod(0.1), Timing(1.0)).substeps == MOST
 
 
-def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
+def test_faults_count_with_what_they_leave_of_each_thruster():
     """A nozzle stuck open in some episodes is no stronger in any: it takes no more steps than a sound one."""
     craft = rod(0.1)
     timing = Timing(0.2)
@@ -152,7 +152,7 @@ def test_faults_count_with_what_they_leave_of_each_thruster() -> None:
     )
 
 
-def test_a_torque_that_stays_in_the_world_takes_more() -> None:
+def test_a_torque_that_stays_in_the_world_takes_more():
     """A ball of 0.2045 kg m^2 that steps of 1 rad fit: 3 * 0.29705 = 0.89 rad a period, 1 step. Half a
     newton metre: 25 * sqrt(0.5 / 0.2045) / 11 = 3.55 times as many, 3.2, so 4. The plane is stable."""
     timing = Timing()
@@ -164,7 +164,7 @@ def test_a_torque_that_stays_in_the_world_takes_more() -> None:
         assert World(Setup(FLYER, GoToPose(), timing, conditions)).timing.substeps == 4
 
 
-def test_worlds_and_engines_know_the_number() -> None:
+def test_worlds_and_engines_know_the_number():
     craft = rod(0.1)
     timing = Timing(0.2)
     number = chosen(craft, timing).substeps
@@ -188,7 +188,7 @@ def _scaled(craft: Spacecraft, mass: float, inertia: float) -> Spacecraft:
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
-def test_what_is_flown_keeps_its_state(craft: str) -> None:
+def test_what_is_flown_keeps_its_state(craft):
     """Just within both bounds, for some periods of random commands."""
     light = _scaled(load_spacecraft(craft), 1e-6, 1.0)
     quick = _scaled(load_spacecraft(craft), 1.0, spin_up(light) * 0.04 / 499.0)

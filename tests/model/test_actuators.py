@@ -37,13 +37,13 @@ def listed(actuators: Any, *command: float) -> list[tuple[float, list[float]]]:
 
 @pytest.mark.parametrize("duty", [0.0, 0.2, 0.5, 1.0])
 @pytest.mark.parametrize("actuators", [Pulsed(10), Throttle(), Throttle(0.1, 0.6)])
-def test_steady_actuators_give_the_mean_force_in_one_piece(actuators: Any, duty: float) -> None:
+def test_steady_actuators_give_the_mean_force_in_one_piece(actuators, duty):
     mean = sum(share * given for share, (given,) in listed(actuators, duty))
     ((share, (steady,)),) = listed(actuators.steady(), duty)
     assert (share, steady) == (1.0, pytest.approx(mean))
 
 
-def test_pulses_open_at_the_beginning_and_shut_in_order() -> None:
+def test_pulses_open_at_the_beginning_and_shut_in_order():
     # 0.3, 0.75 and 0 of 100 counts.
     assert listed(Pulsed(100), 0.3, 0.75, 0.0) == [
         (0.3, [1.0, 1.0, 0.0]),
@@ -52,7 +52,7 @@ def test_pulses_open_at_the_beginning_and_shut_in_order() -> None:
     ]
 
 
-def test_few_counts_are_pieces_of_equal_length() -> None:
+def test_few_counts_are_pieces_of_equal_length():
     # 0.6 of two counts is 1.2, that is one; 0.75 is one and a half, rounded up to two.
     assert listed(Pulsed(2), 0.6, 0.75) == [(0.5, [1.0, 1.0]), (0.5, [0.0, 1.0])]
 
@@ -60,12 +60,12 @@ def test_few_counts_are_pieces_of_equal_length() -> None:
 @pytest.mark.parametrize(
     ("duty", "counts"), [(0.02, 0), (0.044, 0), (0.046, 5), (0.05, 5), (1.0, 100)]
 )
-def test_no_pulse_is_shorter_than_the_least(duty: float, counts: int) -> None:
+def test_no_pulse_is_shorter_than_the_least(duty, counts):
     opened = sum(share for share, part in listed(Pulsed(100, 5), duty) if part[0])
     assert opened == pytest.approx(counts / 100)
 
 
-def test_arrays_shut_each_in_its_own_time() -> None:
+def test_arrays_shut_each_in_its_own_time():
     duty = np.array([[0.2, 0.9], [0.6, 0.1], [0.4, 0.4]])
     open_for = sum(np.array(part) * share for share, part in Pulsed(10).pulses(tuple(duty)))
     np.testing.assert_allclose(open_for, duty, rtol=0, atol=1e-15)
@@ -84,7 +84,7 @@ def craft_with(actuators: Any, thrusters: int) -> Spacecraft:
         )
 
 
-def test_spaces_and_memory() -> None:
+def test_spaces_and_memory():
     assert action_space(craft_with(OnOff(), 3)) == gymnasium.spaces.MultiDiscrete([2, 2, 2])
     for continuous in (Pulsed(4), Throttle()):
         assert action_space(craft_with(continuous, 3)) == gymnasium.spaces.Box(
@@ -95,7 +95,7 @@ def test_spaces_and_memory() -> None:
 
 
 @pytest.mark.parametrize("least", [0.1, 0.3, 0.6])
-def test_a_command_below_half_the_least_level_shuts_an_engine(least: float) -> None:
+def test_a_command_below_half_the_least_level_shuts_an_engine(least):
     """From half of it on an engine is lit at its least level, and above that follows its command."""
     given = [0.0, 0.49 * least, 0.51 * least, 0.99 * least, 0.9]
     engine = Throttle(least)
@@ -104,7 +104,7 @@ def test_a_command_below_half_the_least_level_shuts_an_engine(least: float) -> N
     np.testing.assert_allclose(arrays[0], [0.0, 0.0, least, least, 0.9])
 
 
-def test_files_say_which() -> None:
+def test_files_say_which():
     def read(text: str) -> Any:
         with pytest.warns(UserWarning, match="cannot push"):
             return parse_spacecraft(FILE.format(text), "probe").actuators

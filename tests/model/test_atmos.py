@@ -32,12 +32,12 @@ BY_HAND = [
 ]
 
 
-def test_every_thruster_pushes_where_its_makers_say() -> None:
+def test_every_thruster_pushes_where_its_makers_say():
     assert np.array(ATMOS.wrench_map) == pytest.approx(np.array(BY_HAND), abs=1e-15)
     assert Plant(ATMOS).thruster_wrenches() == pytest.approx(np.array(BY_HAND), abs=1e-15)
 
 
-def test_a_short_pulse_comes_first_and_in_whole_counts() -> None:
+def test_a_short_pulse_comes_first_and_in_whole_counts():
     """Thrusters 0 and 2 for a duty of 0.25004 are open for 2,500 counts, 25 ms, then the craft coasts 75 ms:
     3 N / 17.8 kg for 25 ms give the speed, half that time and the rest at that speed the way."""
     after = pulsed([0.25004, 0.0, 0.25004, *[0.0] * 5])

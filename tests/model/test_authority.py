@@ -23,13 +23,13 @@ BY_HAND = {
 
 
 @pytest.mark.parametrize("name", BY_HAND)
-def test_authority_by_hand(name: str) -> None:
+def test_authority_by_hand(name):
     found = authorities(load_spacecraft(name))
     assert [one.forwards for one in found] == pytest.approx(BY_HAND[name], rel=1e-6)
     assert [one.backwards for one in found] == pytest.approx(BY_HAND[name], rel=1e-6)
 
 
-def test_acceleration_is_that_of_the_weaker_way() -> None:
+def test_acceleration_is_that_of_the_weaker_way():
     """Thrusters of 1 N at 90, 210 and 330 degrees on 4 kg: up 1 N; down, where two at 30 degrees balance, 1 N;
     along x sqrt(3) / 2 of one, and the others take its fall along y back."""
     found = authorities(point())

@@ -30,7 +30,7 @@ def flown(engine: Engine, steps: int = 25) -> torch.Tensor:
 
 
 @both_crafts
-def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
+def test_each_flies_as_in_an_engine_of_its_like(craft):
     how: Any = {"dtype": torch.float64}
     short = replace(
         SHORT, substeps=1
@@ -45,7 +45,7 @@ def test_each_flies_as_in_an_engine_of_its_like(craft: Spacecraft) -> None:
         torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
 
 
-def test_the_same_under_conditions() -> None:
+def test_the_same_under_conditions():
     """What an episode draws is of the spacecraft's own mass, not of the design's."""
     craft = PLATFORM
     lab: Any = {"dtype": torch.float64, "conditions": "lab"}
@@ -58,7 +58,7 @@ def test_the_same_under_conditions() -> None:
 
 @pytest.mark.filterwarnings("ignore:spacecraft .* one command turns it")
 @both_crafts
-def test_what_a_simulator_knows(craft: Spacecraft) -> None:
+def test_what_a_simulator_knows(craft):
     """5.32 kg, 0.2045008 kg m^2 and 0.31 m of radius are one; so are a well thruster and one stuck open."""
     axes = craft.dimension
     others = len(craft.thrusters) - 3
@@ -77,7 +77,7 @@ def test_what_a_simulator_knows(craft: Spacecraft) -> None:
 
 
 @pytest.mark.parametrize("compiled", [False, True])
-def test_masses_written_in_place_take_effect(compiled: bool) -> None:
+def test_masses_written_in_place_take_effect(compiled):
     with torch.compiler.set_stance("force_eager"):
         light, heavy = (
             Engine(PLATFORM, NEAR, 4, SHORT, compiled=compiled, body=scaled(PLATFORM, scale))
@@ -88,7 +88,7 @@ def test_masses_written_in_place_take_effect(compiled: bool) -> None:
         assert torch.equal(flown(light), flown(heavy))
 
 
-def test_settings_can_be_made_in_a_traced_step() -> None:
+def test_settings_can_be_made_in_a_traced_step():
     """As `draw_sensors` does; a check of all their fields could not be traced."""
     made = torch.compile(
         lambda x: x * SensorConditions(noise=0.5).noise, fullgraph=True, backend="eager"
@@ -96,7 +96,7 @@ def test_settings_can_be_made_in_a_traced_step() -> None:
     assert made(torch.ones(1)).item() == 0.5
 
 
-def test_a_flat_body_in_float32_is_rigid() -> None:
+def test_a_flat_body_in_float32_is_rigid():
     """The third moment of a disc is the sum of the others, up to float32's rounding."""
     side = torch.tensor([0.1, 0.3, 0.7, 1.1])
     Engine(FLYER, NEAR, 4, body=Body(5.0, (side, 0.0, 0.0, 1.7 * side, 0.0, 2.7 * side)))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -17,7 +15,7 @@ BOTH = pytest.mark.parametrize("dimension", [2, 3])
 
 
 @BOTH
-def test_there_and_back(dimension: Literal[2, 3]) -> None:
+def test_there_and_back(dimension):
     state, goal = (random_states(dimension, 50, seed) for seed in (1, 2))
     back = around(goal, shortest(state, goal))
     np.testing.assert_allclose((back.p - state.p).norm(), 0.0, atol=1e-14)
@@ -28,7 +26,7 @@ def test_there_and_back(dimension: Literal[2, 3]) -> None:
 
 
 @BOTH
-def test_smooth_ones_go_beyond_half_a_turn(dimension: Literal[2, 3]) -> None:
+def test_smooth_ones_go_beyond_half_a_turn(dimension):
     goal = random_states(dimension, 40, 3)
     generator = np.random.default_rng(4)
     given = generator.uniform(-1, 1, (6 if dimension == 2 else 12, 40))
@@ -39,7 +37,7 @@ def test_smooth_ones_go_beyond_half_a_turn(dimension: Literal[2, 3]) -> None:
     np.testing.assert_allclose(coordinates(around(goal, given), goal), given, atol=1e-9)
 
 
-def test_rotation_is_scipys() -> None:
+def test_rotation_is_scipys():
     state, goal = (random_states(3, 30, seed) for seed in (5, 6))
     ours = shortest(state, goal)[3:6]
     scipy = [
@@ -50,6 +48,6 @@ def test_rotation_is_scipys() -> None:
 
 
 @BOTH
-def test_no_coordinates_at_the_goal(dimension: Literal[2, 3]) -> None:
+def test_no_coordinates_at_the_goal(dimension):
     goal = random_states(dimension, 5, 7)
     np.testing.assert_allclose(shortest(map_leaves(np.copy, goal), goal), 0.0, atol=1e-15)

@@ -19,7 +19,7 @@ LOW_ORBIT = 0.00113
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_goals_drift_and_spin(dimension: Any) -> None:
+def test_goals_drift_and_spin(dimension):
     goal: Any = random_states(dimension, 1, 5)
     drift = ClohessyWiltshire(0.2)
     later = step_goal(goal, drift, 3.0)
@@ -39,7 +39,7 @@ def test_goals_drift_and_spin(dimension: Any) -> None:
 
 
 @pytest.mark.parametrize("vector", [Vec2, Vec3])
-def test_a_kick_is_a_coast_from_the_origin(vector: Any) -> None:
+def test_a_kick_is_a_coast_from_the_origin(vector):
     v = vector(*np.array([[0.3, -0.2], [0.1, 0.4], [-0.5, 0.2]])[: 2 if vector is Vec2 else 3])
     orbits = (ClohessyWiltshire(0.00113), FreeFlight())
     for drift, t in itertools.product(orbits, (7.5, np.array([7.5, 900.0]))):
@@ -50,7 +50,7 @@ def test_a_kick_is_a_coast_from_the_origin(vector: Any) -> None:
 
 
 @pytest.mark.slow
-def test_torch_compiles_a_coast_without_a_warning() -> None:
+def test_torch_compiles_a_coast_without_a_warning():
     """Warnings are errors here, and torch has one for functions that remember results."""
     drift = ClohessyWiltshire(LOW_ORBIT)
 

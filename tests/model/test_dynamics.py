@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import pytest
 
-from rans import Spacecraft
 from rans.model.body import Body
 from rans.model.dynamics import thrust
 
 
-def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft: Spacecraft) -> None:
+def test_nozzles_take_pressure_from_their_own_supply_only(planar_craft):
     """A droop of 0.5: two open nozzles have 1 / 1.5 of their force each, one and a half 1 / 1.25, one all of it."""
     fed = tuple(
         replace(thruster, supply=supply)

@@ -90,16 +90,14 @@ def rotation_of(q: Quat) -> Rotation:
         ("atan2", [-2.0, 0.0], -math.pi / 2),
     ],
 )
-def test_functions_mean_the_same_in_every_library(
-    library: str, name: str, arguments: list[float], expected: float
-) -> None:
+def test_functions_mean_the_same_in_every_library(library, name, arguments, expected):
     assert in_library(library, getattr(fields, name), *arguments) == pytest.approx(
         [expected], abs=1e-15
     )
 
 
 @libraries
-def test_at_least_raises_only_what_is_below(library: str) -> None:
+def test_at_least_raises_only_what_is_below(library):
     assert in_library(library, lambda x: at_least(x, 1.0), 0.25) == [1.0]
     assert in_library(library, lambda x: at_least(x, 1.0), 4.0) == [4.0]
 
@@ -118,9 +116,7 @@ def test_at_least_raises_only_what_is_below(library: str) -> None:
         (0.0, 0.0, 0.0),
     ],
 )
-def test_a_fraction_is_never_more_than_all(
-    library: str, part: float, whole: float, fraction: float
-) -> None:
+def test_a_fraction_is_never_more_than_all(library, part, whole, fraction):
     assert in_library(library, fraction_of, part, whole) == [fraction]
 
 
@@ -163,7 +159,7 @@ def floors(source: str) -> list[str]:
     return result
 
 
-def test_nothing_that_moves_a_craft_divides_by_a_floor() -> None:
+def test_nothing_that_moves_a_craft_divides_by_a_floor():
     """Where the sign of the value is not proved, its quotient has any size: `fraction_of` is for fractions."""
     package = Path(fields.__file__).parents[1]
     folders = ("model", "effectors", "randomization")
@@ -177,7 +173,7 @@ def test_nothing_that_moves_a_craft_divides_by_a_floor() -> None:
 
 
 @given(angles)
-def test_wrap_keeps_the_angle_and_its_range(angle: float) -> None:
+def test_wrap_keeps_the_angle_and_its_range(angle):
     wrapped = float(wrap(angle))
     # 8 turns leave 8 eps of rounding, which may step over either end
     assert -math.pi - 1e-14 <= wrapped <= math.pi + 1e-14
@@ -185,9 +181,7 @@ def test_wrap_keeps_the_angle_and_its_range(angle: float) -> None:
 
 
 @given(rotations, st.sampled_from([-1.0, 1.0]), st.floats(0.2, 5.0))
-def test_quaternion_angle_ignores_sign_and_length(
-    rotation: Rotation, sign: float, length: float
-) -> None:
+def test_quaternion_angle_ignores_sign_and_length(rotation, sign, length):
     q = map_leaves(lambda x: x * sign * length, quat(rotation))
     assert_close(q.magnitude(), rotation.magnitude())
     assert 0.0 <= q.magnitude() <= math.pi + 1e-15
@@ -196,7 +190,7 @@ def test_quaternion_angle_ignores_sign_and_length(
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-5, math.pi - 1e-9, math.pi])
-def test_angles_at_both_ends_keep_their_digits(angle: float) -> None:
+def test_angles_at_both_ends_keep_their_digits(angle):
     """Where an arccos of the trace would lose half of them or give NaN."""
     q = Quat(math.cos(angle / 2), 0.0, math.sin(angle / 2), 0.0)
     assert float(q.magnitude()) == pytest.approx(angle, rel=1e-13, abs=1e-15)
@@ -204,7 +198,7 @@ def test_angles_at_both_ends_keep_their_digits(angle: float) -> None:
 
 
 @pytest.mark.parametrize("library", ["numpy", "torch"])
-def test_single_precision_stays_single(library: str) -> None:
+def test_single_precision_stays_single(library):
     """A constant that promoted to float64 would double the memory traffic of the fast engine."""
     torch = pytest.importorskip("torch")
     half = np.full(2, 0.5, np.float32) if library == "numpy" else torch.full((2,), 0.5)
@@ -226,13 +220,13 @@ def test_single_precision_stays_single(library: str) -> None:
     assert {x.dtype for x in (*heading.columns(), *q.columns())} == {expected}
 
 
-def test_fields_in_ascending_order() -> None:
+def test_fields_in_ascending_order():
     columns = np.random.default_rng(0).integers(0, 9, (6, 50)).astype(float)
     assert np.array_equal(ascending(list(columns)), np.sort(columns, axis=0))
 
 
 @given(angles, angles, vectors)
-def test_headings_are_unit_complex_numbers(a: float, b: float, v: Triple) -> None:
+def test_headings_are_unit_complex_numbers(a, b, v):
     here = Heading(a)
     there = Heading(b)
     rotated = complex(*here.rotate(Vec2(*v[:2])).columns())

@@ -28,7 +28,7 @@ def box(name: str, sides: tuple[float, float, float], density: float = 100.0) ->
     return replace(base, name=name, mass=mass, inertia=inertia, centre_of_mass=(0.0, 0.0, 0.0))  # pyrefly: ignore[bad-argument-type]
 
 
-def test_two_boxes_end_to_end_are_the_longer_box() -> None:
+def test_two_boxes_end_to_end_are_the_longer_box():
     """Boxes of 0.4 m and 0.6 m along x make one of 1 m, whose centre is 0.3 m from that of the first."""
     both = joined(box("a", (0.4, 0.2, 0.3)), box("b", (0.6, 0.2, 0.3)), (0.5, 0.0, 0.0))
     whole = box("whole", (1.0, 0.2, 0.3))
@@ -39,7 +39,7 @@ def test_two_boxes_end_to_end_are_the_longer_box() -> None:
     assert both.thruster_count == 32
 
 
-def test_thrusters_of_the_second_stand_where_they_are() -> None:
+def test_thrusters_of_the_second_stand_where_they_are():
     """In the plane: one at (0.1, 0.2) along x, seen from a frame at (1, 0) that is turned by a quarter."""
     first = Spacecraft.planar("first", 10.0, 1.0, [((0.0, 0.0), (1.0, 0.0), 1.0), *RING])
     second = Spacecraft.planar("second", 30.0, 2.0, [((0.1, 0.2), (1.0, 0.0), 3.0), *RING])
@@ -56,7 +56,7 @@ def test_thrusters_of_the_second_stand_where_they_are() -> None:
     assert passive.mass == 40.0
 
 
-def test_wheels_that_are_left_out_are_locked() -> None:
+def test_wheels_that_are_left_out_are_locked():
     """Their moments about their axes, which the file leaves out, turn with the craft: 1 + 2 + 0.3 kg m^2."""
     first = Spacecraft.planar("first", 10.0, 1.0, RING)
     wheel = Wheel((0.0, 0.0, -1.0), 0.1, 0.5, 0.3)
@@ -79,7 +79,7 @@ RING: list[Any] = [
 ]
 
 
-def test_either_craft_may_come_first() -> None:
+def test_either_craft_may_come_first():
     """The twists of all thrusters, in the frame of the first, are the same up to their order and that frame."""
     spheres = load_spacecraft("spheres")
     other = replace(box("b", (0.2, 0.2, 0.3)), actuators=spheres.actuators)

@@ -142,11 +142,11 @@ LANGUAGES: dict[str, tuple[Dialect, Run, type]] = {
 
 
 @pytest.mark.parametrize("language", LANGUAGES)
-def test_an_operation_is_the_same_in_every_language(language: str, tmp_path: Path) -> None:
+def test_an_operation_is_the_same_in_every_language(language, tmp_path):
     check(language, *LANGUAGES[language], tmp_path)
 
 
-def test_rows_mean_what_onnx_says() -> None:
+def test_rows_mean_what_onnx_says():
     """The meaning of every operation of rows, by ONNX's own reference."""
     onnx = pytest.importorskip("onnx")
     from onnx.reference import ReferenceEvaluator
@@ -176,7 +176,7 @@ def test_rows_mean_what_onnx_says() -> None:
         assert (answer.dtype == np.bool_) == is_truth(name)
 
 
-def test_exports_have_every_operation_of_rows() -> None:
+def test_exports_have_every_operation_of_rows():
     lacking = [
         (name, language)
         for name in ROWS
@@ -213,7 +213,7 @@ def tables(text: str) -> list[int]:
     ]
 
 
-def test_operations_have_one_table() -> None:
+def test_operations_have_one_table():
     found = [
         f"{file.relative_to(ROOT)}:{line}"
         for room in ("rans", "packages")

@@ -6,7 +6,6 @@ import itertools
 import math
 import time
 from dataclasses import replace
-from typing import Any
 
 import pytest
 
@@ -28,11 +27,11 @@ from tests.support.engines import PLATFORM
         ({"thrusters": tuple(replace(t, force=1000.0) for t in PLATFORM.thrusters)}, 1),
     ],
 )
-def test_a_body_fits_its_radius(changes: dict[str, Any], expected: int) -> None:
+def test_a_body_fits_its_radius(changes, expected):
     assert len(misfits(replace(PLATFORM, **changes))) == expected
 
 
-def test_the_force_of_a_ring_of_many_thrusters_is_found_at_once() -> None:
+def test_the_force_of_a_ring_of_many_thrusters_is_found_at_once():
     """N unit forces spread evenly over all directions: those that point to one side add up to N / pi."""
     count = 1000
     angles = [2.0 * math.pi * k / count for k in range(count)]

@@ -20,11 +20,11 @@ def random(dimension: int) -> Random:
     return Random(dimension, *seed_words(4), np.arange(COUNT, dtype=np.int32), np.float64)  # type: ignore[arg-type]
 
 
-def test_spins_in_the_plane_go_either_way() -> None:
+def test_spins_in_the_plane_go_either_way():
     assert stats.kstest(random(2).spin(0.7), stats.uniform(-0.7, 1.4).cdf).pvalue > FALSE_ALARM
 
 
-def test_spins_in_space_have_every_rate_and_axis() -> None:
+def test_spins_in_space_have_every_rate_and_axis():
     spins = np.stack(random(3).spin(0.7).columns())
     rates = np.linalg.norm(spins, axis=0)
     assert stats.kstest(rates, stats.uniform(0.0, 0.7).cdf).pvalue > FALSE_ALARM
@@ -32,7 +32,7 @@ def test_spins_in_space_have_every_rate_and_axis() -> None:
         assert stats.kstest(component, stats.uniform(-1.0, 2.0).cdf).pvalue > FALSE_ALARM
 
 
-def test_generators_take_every_seed_that_scenarios_take() -> None:
+def test_generators_take_every_seed_that_scenarios_take():
     drawn = {
         seed: tuple(generator(seed).integers(2**32, size=4))
         for seed in (-(2**63), -1, 0, 1, 2**64 - 1)
@@ -45,7 +45,7 @@ def test_generators_take_every_seed_that_scenarios_take() -> None:
             generator(wrong)  # type: ignore[arg-type]
 
 
-def test_attitudes_in_space_are_uniform_over_all_rotations() -> None:
+def test_attitudes_in_space_are_uniform_over_all_rotations():
     """Every column of a rotation's matrix is a point of the sphere (Archimedes); angles follow."""
     q: Any = random(3).attitude()
     matrices = Rotation.from_quat(np.stack([q.x, q.y, q.z, q.w], axis=1)).as_matrix()

@@ -48,7 +48,7 @@ BY_HAND: list[tuple[str, int, list[float]]] = [
 
 
 @pytest.mark.parametrize("name", ["astrobee-granite", "astrobee-iss"])
-def test_astrobee_has_a_plenum_for_each_module(name: str) -> None:
+def test_astrobee_has_a_plenum_for_each_module(name):
     """By NASA's model two open nozzles of a module give 0.72 each: 1 / (1 + 0.39); the other module's all."""
     craft = load_spacecraft(name)
     first, second = craft.supplies
@@ -62,12 +62,12 @@ def test_astrobee_has_a_plenum_for_each_module(name: str) -> None:
 
 
 @pytest.mark.parametrize(("name", "index", "expected"), BY_HAND)
-def test_thrusters_by_hand(name: str, index: int, expected: list[float]) -> None:
+def test_thrusters_by_hand(name, index, expected):
     row = load_spacecraft(name).wrench_map[index]
     assert row == pytest.approx(expected, abs=1e-7)  # digits written here
 
 
-def test_the_makers_matrix_of_sixteen_thrusters() -> None:
+def test_the_makers_matrix_of_sixteen_thrusters():
     """DISCOWER/fault-tolerant-mpc, data/InertialProperties.md: D times 1.75 N, one column a thruster."""
     a, b, c = 0.12, 0.09, 0.05
     none = [0.0] * 4
@@ -83,7 +83,7 @@ def test_the_makers_matrix_of_sixteen_thrusters() -> None:
     assert ours == pytest.approx(1.75 * np.array(matrix), abs=1e-12)
 
 
-def test_apollos_thrusters_turn_as_its_handbook_says() -> None:
+def test_apollos_thrusters_turn_as_its_handbook_says():
     """The table of primary torques in SCPToolbox's parameters.jl: axes forward, right and down, so that pitch up,
     yaw right and roll right are positive."""
     table = np.array(load_spacecraft("apollo-csm").wrench_map)
@@ -98,7 +98,7 @@ def test_apollos_thrusters_turn_as_its_handbook_says() -> None:
     assert np.linalg.norm(table[:, :3], axis=1) == pytest.approx(445.0)
 
 
-def test_the_free_flyers_own_mapping() -> None:
+def test_the_free_flyers_own_mapping():
     """StanfordASL/freeflyer2, simulator_node.py: F_x, F_y and torque of eight openings."""
     table = np.array(load_spacecraft("freeflyer2").wrench_map)
     opened = np.random.default_rng(0).uniform(size=8)
@@ -109,13 +109,13 @@ def test_the_free_flyers_own_mapping() -> None:
     assert opened @ table == pytest.approx([force_x, force_y, torque], abs=1e-12)
 
 
-def test_wheels_turn_the_craft_the_other_way() -> None:
+def test_wheels_turn_the_craft_the_other_way():
     assert load_spacecraft("pingu").wheel_map == ((-0.1,),)
     assert np.array(load_spacecraft("cubesat-3u").wheel_map) == pytest.approx(-0.004 * np.eye(3))
 
 
 @pytest.mark.parametrize("name", REAL_CRAFT)
-def test_every_real_craft_pushes_and_turns_every_way(name: str) -> None:
+def test_every_real_craft_pushes_and_turns_every_way(name):
     craft = load_spacecraft(name)
     wrenches = wrenches_either_way(craft)
     assert np.linalg.matrix_rank(wrenches) == craft.degrees_of_freedom

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -12,7 +11,7 @@ import pytest
 from rans import ConfigError
 from rans.model.dynamics import wrench
 from rans.model.joined import joined
-from rans.model.spacecraft import Spacecraft, Thruster, controls_every_direction
+from rans.model.spacecraft import Thruster, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.pretrained import pretrained_folder
 from tests.support.crafts import nasty_planar, nasty_spatial
@@ -28,7 +27,7 @@ DIAGONAL = 0.7071067811865476
         ("floating-platform-air-tank", 10.92, 0.4198),
     ],
 )
-def test_the_papers_platforms(name: str, mass: float, inertia: float) -> None:
+def test_the_papers_platforms(name, mass, inertia):
     craft = load_spacecraft(name)
     assert (craft.name, craft.dimension, craft.mass, craft.radius) == (name, 2, mass, 0.31)
     assert craft.inertia[2][2] == pytest.approx(inertia, abs=5e-5)  # the table's digits
@@ -37,13 +36,13 @@ def test_the_papers_platforms(name: str, mass: float, inertia: float) -> None:
 
 
 @pytest.mark.parametrize("agent", ["go-to-pose-2d", "go-to-pose-3d-faults"])
-def test_craft_of_agents_are_those_that_are_shipped(agent: str) -> None:
+def test_craft_of_agents_are_those_that_are_shipped(agent):
     """Recorded commands of the agents say that thrusters push and turn as they did (`tests.test_recorded`)."""
     flown = load_spacecraft(str(pretrained_folder(agent) / "spacecraft.toml"))
     assert load_spacecraft(flown.name) == flown
 
 
-def test_the_shared_platform_has_one_thrusters_worth() -> None:
+def test_the_shared_platform_has_one_thrusters_worth():
     """1 N along a diagonal, 0.707 N along an axis, 0.31 N m: the original system's authority."""
     shared, platform = (load_spacecraft(f"floating-platform{end}") for end in ("-shared", ""))
     assert dataclasses.replace(shared, name=platform.name, thrust_sharing="none") == platform
@@ -84,7 +83,7 @@ def test_the_shared_platform_has_one_thrusters_worth() -> None:
         ),
     ],
 )
-def test_rounding_passes_and_mistakes_do_not(change: Any, says: str) -> None:
+def test_rounding_passes_and_mistakes_do_not(change, says):
     """A part in two thousand million is rounding of a file, one in two hundred million is none."""
     platform = load_spacecraft("floating-platform")
     with warnings.catch_warnings(action="ignore"):  # one thruster cannot do much
@@ -95,14 +94,14 @@ def test_rounding_passes_and_mistakes_do_not(change: Any, says: str) -> None:
 
 @pytest.mark.parametrize("key", ["mass", "radius"])
 @pytest.mark.parametrize(("fits", "does_not"), [(1e-9, 0.9e-9), (1e9, 1.1e9)])
-def test_the_least_and_the_most(key: str, fits: Any, does_not: Any) -> None:
+def test_the_least_and_the_most(key, fits, does_not):
     platform = load_spacecraft("floating-platform")
     assert getattr(dataclasses.replace(platform, **{key: fits}), key) == fits
     with pytest.raises(ConfigError, match=f"{key} must be a number from 1e-09 to 1e\\+09"):
         dataclasses.replace(platform, **{key: does_not})
 
 
-def test_control_depends_on_directions_not_on_strength_or_scale() -> None:
+def test_control_depends_on_directions_not_on_strength_or_scale():
     """Twelve orders of magnitude between the nozzles leave every direction within reach."""
     for craft in (nasty_planar(), nasty_spatial()):
         forces = [10.0 ** (i % 3 * 4 - 6) for i in range(len(craft.thrusters))]
@@ -112,12 +111,12 @@ def test_control_depends_on_directions_not_on_strength_or_scale() -> None:
         assert controls_every_direction(dataclasses.replace(craft, thrusters=thrusters))
 
 
-def test_every_shipped_spacecraft_is_controllable(shipped: Spacecraft) -> None:
+def test_every_shipped_spacecraft_is_controllable(shipped):
     assert controls_every_direction(shipped)
 
 
 @pytest.mark.parametrize("factor", [0.1, 2.5, 5.0])
-def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor: float, tmp_path: Path) -> None:
+def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor, tmp_path):
     """Whatever stands beside it: it flies, joins, is written and comes back."""
     craft = load_spacecraft("floating-platform")
     (a, _, _), (_, b, _), (_, _, c) = craft.inertia
@@ -127,7 +126,7 @@ def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor: float, tmp_
     assert heavier.inertia[2][2] == factor * c
     assert heavier == dataclasses.replace(
         craft,
-        inertia=tuple(tuple(factor * x for x in row) for row in craft.inertia),  # pyrefly: ignore[bad-argument-type]
+        inertia=tuple(tuple(factor * x for x in row) for row in craft.inertia),
     )
     (tmp_path / "heavier.toml").write_text(to_toml(heavier))
     assert load_spacecraft(str(tmp_path / "heavier.toml")).inertia == heavier.inertia

@@ -41,7 +41,7 @@ thruster = [
 """
 
 
-def test_every_key_of_a_file_arrives() -> None:
+def test_every_key_of_a_file_arrives():
     craft = parse_spacecraft(VALID, "probe.toml")
     assert (craft.name, craft.dimension, craft.mass, craft.radius) == ("probe", 2, 4.5, 0.3)
     assert (craft.shape, craft.thrust_sharing) == ("cylinder", "split")
@@ -51,21 +51,21 @@ def test_every_key_of_a_file_arrives() -> None:
     assert craft.degrees_of_freedom == 3
 
 
-def test_a_users_own_file_works_where_a_name_does(tmp_path: Path) -> None:
+def test_a_users_own_file_works_where_a_name_does(tmp_path):
     file = tmp_path / "my robot.toml"
     file.write_text(VALID, "utf-8")
     assert load_spacecraft(file) == load_spacecraft(str(file)) == parse_spacecraft(VALID, "x")
     assert hash(load_spacecraft(file)) == hash(load_spacecraft(file))
 
 
-def test_directions_are_normalised_and_one_moment_is_a_sphere() -> None:
+def test_directions_are_normalised_and_one_moment_is_a_sphere():
     text = VALID.replace("direction = [-1, 0]", "direction = [-3, 4]")
     assert parse_spacecraft(text, "x").thrusters[0].direction == pytest.approx((-0.6, 0.8, 0.0))
     text = VALID.replace("[[0.2, 0.0, 0.0], [0.0, 0.3, 0.0], [0.0, 0.0, 0.4]]", "0.25")
     assert parse_spacecraft(text, "x").inertia == ((0.25, 0, 0), (0, 0.25, 0), (0, 0, 0.25))
 
 
-def test_a_craft_of_one_wheel_alone_is_read_with_a_warning_and_one_of_nothing_refused() -> None:
+def test_a_craft_of_one_wheel_alone_is_read_with_a_warning_and_one_of_nothing_refused():
     text = """name = "turning"
 dimension = 3
 mass = 8.0
@@ -88,7 +88,7 @@ inertia = 0.001
         parse_spacecraft(nothing, "probe.toml")
 
 
-def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
+def test_files_that_cannot_be_read_are_named(tmp_path):
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
     for name in ("missing.toml", "folder.toml", "latin.toml", "nul\0.toml"):
@@ -99,7 +99,7 @@ def test_files_that_cannot_be_read_are_named(tmp_path: Path) -> None:
 
 @settings(max_examples=30)
 @given(any_spacecraft(2) | any_spacecraft(3))
-def test_written_as_toml_and_read_again(craft: Spacecraft) -> None:
+def test_written_as_toml_and_read_again(craft):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)  # random thrusters seldom control everything
         back = parse_spacecraft(to_toml(craft), "written")
@@ -119,7 +119,7 @@ def fails() -> Spacecraft:
     raise RuntimeError("no drawing board")
 
 
-def test_spacecraft_made_in_python_by_their_module() -> None:
+def test_spacecraft_made_in_python_by_their_module():
     here = "tests.model.test_spacecraft_file:"
     for name in ("MADE", "nasty_spatial"):  # an object, and a function that makes one
         craft = load_spacecraft(typed(here + name))
@@ -142,9 +142,7 @@ def test_spacecraft_made_in_python_by_their_module() -> None:
         ("A.TOML", "A.toml"),
     ],
 )
-def test_a_file_of_another_kind_is_named(
-    name: str, said: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_of_another_kind_is_named(name, said, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path(name).write_text("")
     with pytest.raises(ConfigError, match=re.escape(said)):

@@ -8,7 +8,7 @@ from rans import Timing
 
 
 @pytest.mark.parametrize("steps", [1, 3, 4, 125])
-def test_a_clock_counts_periods_and_episodes(steps: int) -> None:
+def test_a_clock_counts_periods_and_episodes(steps):
     """Wherever an episode ends, the next one begins at its period 0."""
     timing = Timing(episode_steps=steps)
     clock = 0

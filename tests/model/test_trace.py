@@ -21,7 +21,7 @@ n: Any = Symbol.input("n", "int")
 number: Any = Symbol.constant
 
 
-def test_the_same_operation_is_one_symbol() -> None:
+def test_the_same_operation_is_one_symbol():
     assert x * y + 1.0 is 1.0 + y * x
     assert x - y is not y - x
     assert cos(x) is cos(x)
@@ -50,7 +50,7 @@ def test_the_same_operation_is_one_symbol() -> None:
         (n ^ 0, n),
     ],
 )
-def test_what_needs_no_operation_is_none(folded: Symbol, expected: Symbol) -> None:
+def test_what_needs_no_operation_is_none(folded, expected):
     assert folded is expected
 
 
@@ -68,19 +68,19 @@ def test_what_needs_no_operation_is_none(folded: Symbol, expected: Symbol) -> No
         ((x > y) | True, True),
     ],
 )
-def test_what_is_known_is_a_constant(folded: Symbol, value: float) -> None:
+def test_what_is_known_is_a_constant(folded, value):
     assert folded.operation == "constant"
     assert folded.value == pytest.approx(value, abs=1e-15)
 
 
-def test_random_words_of_constants_wrap_around_as_numpys() -> None:
+def test_random_words_of_constants_wrap_around_as_numpys():
     counters = (3, 2**31 - 1, -5, 123456789)
     with np.errstate(over="ignore"):
         expected = hash4(*(np.array([c], dtype=np.int32) for c in counters))
     assert [w.value for w in hash4(*map(number, counters))] == [int(w[0]) for w in expected]
 
 
-def test_operands_come_before_operations() -> None:
+def test_operands_come_before_operations():
     roots = [cos(x * y) + x, x * y]
     seen: set[Symbol] = set()
     for symbol in ordered(roots):
@@ -91,7 +91,7 @@ def test_operands_come_before_operations() -> None:
     assert seen.issuperset(roots)
 
 
-def test_a_known_condition_simplifies_what_depends_on_it() -> None:
+def test_a_known_condition_simplifies_what_depends_on_it():
     ended = x > 1.0
     chosen = where(ended, y, x) * 2.0
     assert substituted([chosen, y], {ended: number(True)}) == [y * 2.0, y]
@@ -110,7 +110,7 @@ def test_a_known_condition_simplifies_what_depends_on_it() -> None:
         lambda: x * np.ones(3),
     ],
 )
-def test_what_is_no_field_arithmetic_is_refused(wrong: Any) -> None:
+def test_what_is_no_field_arithmetic_is_refused(wrong):
     with pytest.raises(TypeError):
         wrong()
 
@@ -142,9 +142,7 @@ def count(program: StepProgram) -> tuple[int, int]:
     ],
     ids=["plane", "space"],
 )
-def test_no_program_grows_unseen(
-    craft: Spacecraft, single: tuple[int, int], multi: tuple[int, int]
-) -> None:
+def test_no_program_grows_unseen(craft, single, multi):
     """Bounds a tenth above the longest of the tasks; raise them when a step has more to do."""
     for name in ANY_CRAFT:
         task = TASKS[name]
@@ -155,7 +153,7 @@ def test_no_program_grows_unseen(
         assert (always <= most[0], at_end <= most[1]) == (True, True), (name, always, at_end)
 
 
-def test_a_task_that_branches_is_not_traced() -> None:
+def test_a_task_that_branches_is_not_traced():
     class Branching(GoToPose):
         def failed(self, state: Any, goal: Any) -> Any:
             return state.p.x > 1.0 if state.p.x > 0.0 else state.p.x < -1.0

@@ -28,7 +28,7 @@ from tests.support.layouts import sample_layout
         "cubesat-3u",
     ],
 )
-def test_balanced_authority_is_that_of_linear_programs(name: str) -> None:
+def test_balanced_authority_is_that_of_linear_programs(name):
     craft = load_spacecraft(name)
     columns = np.array(craft.wrench_map)
     # A wheel is a column of torque either way.
@@ -41,7 +41,7 @@ def test_balanced_authority_is_that_of_linear_programs(name: str) -> None:
 
 
 @pytest.mark.parametrize("shared", [False, True])
-def test_pushes_are_those_of_linear_programs(shared: bool) -> None:
+def test_pushes_are_those_of_linear_programs(shared):
     """Ways 3 degrees apart miss the least one of a cone by 1.5 at most, and its reach by less than 2 percent."""
     columns = sample_layout(5)
     parts: dict[str, Any] = {"bounds": (0.0, 1.0)}
@@ -65,7 +65,7 @@ def test_pushes_are_those_of_linear_programs(shared: bool) -> None:
     assert found == pytest.approx(quarters, rel=0.02)
 
 
-def test_a_layout_that_cannot_turn_one_way_has_no_margin() -> None:
+def test_a_layout_that_cannot_turn_one_way_has_no_margin():
     # Four thrusters that push every way and turn to the left only.
     wheel = np.array([[1.0, 0.0, 0.3], [0.0, 1.0, 0.3], [-1.0, 0.0, 0.3], [0.0, -1.0, 0.3]])
     assert math.isclose(balanced(wheel)[5], 0.0, abs_tol=1e-12)
@@ -74,7 +74,7 @@ def test_a_layout_that_cannot_turn_one_way_has_no_margin() -> None:
     assert authority_margin(both) > 1.0
 
 
-def test_thrusters_without_a_torque_do_not_count_in_its_unit() -> None:
+def test_thrusters_without_a_torque_do_not_count_in_its_unit():
     """The mean square of the torques 1 and 1/4 is 17/32; the weaker way is 1/4 over its root."""
     through_the_centre = [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, -1.0, 0.0]]
     turning = [[0.0, 0.0, 1.0], [0.0, 0.0, -0.25]]

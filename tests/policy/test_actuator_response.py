@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from rans import TASKS, BodyConditions, Conditions, Spacecraft, ThrusterConditions
+from rans import TASKS, BodyConditions, Conditions, ThrusterConditions
 from rans.episode import Setup, World
 from rans.policy.actuator_response import Response
 from rans.policy.filter_bank import Filters
@@ -20,7 +20,7 @@ LATE = 0.05
 SLOW = 1.25
 
 
-def test_it_is_the_least_squares_of_all_there_was() -> None:
+def test_it_is_the_least_squares_of_all_there_was():
     """With what was known before as two more rows; covariances do not wander between readings here."""
     random = np.random.default_rng(1)
     spread = 4.0
@@ -65,11 +65,11 @@ def test_it_is_the_least_squares_of_all_there_was() -> None:
     ids=["a fourth heavier", "a fifth less inertia", "a fourth late"],
 )
 def test_what_is_not_as_designed_is_found(
-    craft: Spacecraft,
-    conditions: Conditions,
-    forces: tuple[float, float],
-    torques: tuple[float, float],
-) -> None:
+    craft,
+    conditions,
+    forces,
+    torques,
+):
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task = TASKS["go-to-pose"]()
     (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), 25.0, 5.0).each
@@ -82,7 +82,7 @@ def test_what_is_not_as_designed_is_found(
     np.testing.assert_allclose(found, (*forces, *torques), rtol=0, atol=0.03)
 
 
-def test_no_answer_is_more_than_twice_what_was_asked() -> None:
+def test_no_answer_is_more_than_twice_what_was_asked():
     """Beyond design, whatever a broken sensor says."""
     known = Response(0.0, 0.0, (25.0, 0.0, 25.0), [1.0, 0.0], [0.0, 1.0])
     found = known.updated([1e6, -1e6], 1.0)

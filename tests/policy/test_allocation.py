@@ -33,7 +33,7 @@ OPPOSITE = np.array([[2, 0, 1], [-2, 0, -1], [0, 3, 1], [0, -3, -1], [1, 1, 0], 
 
 @pytest.mark.parametrize("seed", [*range(6), None])
 @pytest.mark.parametrize("shared", [False, True])
-def test_the_chosen_subset_is_the_best_of_all(seed: int | None, shared: bool) -> None:
+def test_the_chosen_subset_is_the_best_of_all(seed, shared):
     columns = OPPOSITE if seed is None else drawn(seed)
     chosen = subsets(tuple(map(tuple, columns.tolist())), shared, PRICE)
     demands = np.random.default_rng(100 + (seed or 0)).normal(size=(60, 3)) * 1.5
@@ -50,14 +50,14 @@ def test_the_chosen_subset_is_the_best_of_all(seed: int | None, shared: bool) ->
         assert cost(opened, demand) <= min(cost(x, demand) for x in every) + 1e-4
 
 
-def test_more_thrusters_than_an_integer_has_bits() -> None:
+def test_more_thrusters_than_an_integer_has_bits():
     columns = np.random.default_rng(0).normal(size=(200, 3))
     opened = subsets(tuple(map(tuple, columns.tolist())), False, PRICE).opened
     assert opened.shape[1] == 200
     np.testing.assert_array_equal(opened.sum(axis=0), np.ones(200))  # each alone, and none
 
 
-def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
+def test_thrust_costs_less_where_thrusters_push_against_each_other():
     """The price is that of the layout times the square of its margin, where this is below 1."""
     ratios = []
     for seed in range(20):
@@ -76,7 +76,7 @@ def test_thrust_costs_less_where_thrusters_push_against_each_other() -> None:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_limits_and_charges_are_those_of_the_quadratic_program(seed: int) -> None:
+def test_limits_and_charges_are_those_of_the_quadratic_program(seed):
     columns = drawn(seed)
     random = np.random.default_rng(seed)
     limits = random.random(len(columns))
@@ -118,7 +118,7 @@ def commanded(kind: float, demand: list[float], shut: list[float] | None = None)
     return TorchProgram(program, result, {*rows}, torch.zeros(()))(rows)[0].tolist()
 
 
-def test_wheels_turn_the_craft_by_what_thrusters_leave_of_a_demand() -> None:
+def test_wheels_turn_the_craft_by_what_thrusters_leave_of_a_demand():
     """The thruster gives 0.2 of a spin of 0.5, and what the wheel gives is 2 x 0.65 - 1 = 0.3 less its price."""
     *opened, wheel = commanded(ON_OFF, [1.0, 0.0, 0.5])
     assert [x > 0.0 for x in opened] == [True, False, False, False]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -32,7 +31,7 @@ def reordered(craft: Spacecraft, order: list[int]) -> Spacecraft:
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "cubesat-3u"])
-def test_reordered_thrusters_get_the_same_commands_reordered(name: str) -> None:
+def test_reordered_thrusters_get_the_same_commands_reordered(name):
     craft = load_spacecraft(name)
     order = [int(k) for k in np.random.default_rng(4).permutation(len(craft.thrusters))]
     seen = observations(400, dimension=craft.dimension)
@@ -65,7 +64,7 @@ def near(position: float, speed: float, angle: float = 0.0, spin: float = 0.0) -
         (near(0.0, 0.0, 4.6), False),
     ],
 )
-def test_a_craft_coasts_where_it_stays_at_the_goal(seen: torch.Tensor, coasts: bool) -> None:
+def test_a_craft_coasts_where_it_stays_at_the_goal(seen, coasts):
     made = for_craft(network(), load_spacecraft("floating-platform"), 0.2)
     always = Network(replace(made.architecture, coast=0.0), made.tensors)
     at_rest, without = (
@@ -79,7 +78,7 @@ def test_a_craft_coasts_where_it_stays_at_the_goal(seen: torch.Tensor, coasts: b
         assert not made.deterministic_action(seen, None)[0].any()
 
 
-def test_a_far_goal_is_near_in_its_direction() -> None:
+def test_a_far_goal_is_near_in_its_direction():
     """5 m and 1 rad become half a metre and 0.35 rad, about the same axis; what is nearer stays."""
     for far, slow in ((1.0, 1.0), (1.0, 0.0), (0.01, 1.0)):
         error = [3.0 * far, 0.0, -4.0 * far]
@@ -92,7 +91,7 @@ def test_a_far_goal_is_near_in_its_direction() -> None:
         )
 
 
-def test_the_speed_at_which_wheels_are_full_by_hand() -> None:
+def test_the_speed_at_which_wheels_are_full_by_hand():
     """Without its first thruster cubesat-3u is pushed along -x with torques about x and y, 0.11 N m for each N.
 
     The momenta of both wheels share them: 0.015 N m s each at 2 x 0.015 / 0.11 N s of the 5 kg.
@@ -126,7 +125,7 @@ def own_craft() -> Spacecraft:
     return replace(base, name="six", thrusters=tuple(thrusters), mass=9.0)
 
 
-def test_a_craft_never_seen_settles_from_its_file(tmp_path: Path) -> None:
+def test_a_craft_never_seen_settles_from_its_file(tmp_path):
     file = tmp_path / "six.toml"
     file.write_text(to_toml(own_craft()), "utf-8")
     run = contestant(f"any-craft-2d@{file}")
@@ -136,7 +135,7 @@ def test_a_craft_never_seen_settles_from_its_file(tmp_path: Path) -> None:
     assert rows["solved"].value >= 90.0
 
 
-def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:
+def test_a_craft_outside_of_the_training_is_told_so_with_the_number():
     heavy = replace(load_spacecraft("floating-platform"), mass=2000.0)
     with pytest.warns(UserWarning, match=r"linear authority of 0\.00\d+ m/s\^2.* 0\.015 to 0\.7"):
         for_craft(network(), heavy, 0.2)
@@ -154,7 +153,7 @@ def test_a_craft_outside_of_the_training_is_told_so_with_the_number() -> None:
         for_craft(network(), load_spacecraft("atmos"), 0.1)
 
 
-def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
+def test_craft_that_it_cannot_fly_are_refused_with_the_reason():
     with pytest.raises(ConfigError, match="in the plane only: name any-craft-3d for spheres"):
         for_craft(network(), load_spacecraft("spheres"), 0.1)
     # Thrusters through the centre of mass, and no wheels.
@@ -190,7 +189,7 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason() -> None:
         for_spacecraft(specialist, craft)
 
 
-def test_an_agent_flies_its_own_craft_with_slosh_and_no_other() -> None:
+def test_an_agent_flies_its_own_craft_with_slosh_and_no_other():
     run = contestant("pretrained:go-to-pose-2d")
     slosh = rans.Slosh(0.5, 0.06, (0.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
     # As a file has it, whose directions differ in their last digits.

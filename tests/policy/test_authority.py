@@ -33,9 +33,7 @@ BETWEEN = math.hypot(0.3, 0.2) / (0.1 / 0.12 + 0.2 * math.sqrt(2.0) / 0.13)
         ((-0.3, -0.2), BETWEEN / 0.1),
     ],
 )
-def test_a_velocity_rests_after_braking_as_the_craft_can_against_it(
-    velocity: tuple[float, float], factor: float
-) -> None:
+def test_a_velocity_rests_after_braking_as_the_craft_can_against_it(velocity, factor):
     """The accelerations of both axes are larger by a factor."""
     against = [(0.05 if velocity[0] > 0 else 0.1), (0.08 if velocity[1] > 0 else 0.2)]
     error = [
@@ -49,9 +47,7 @@ def test_a_velocity_rests_after_braking_as_the_craft_can_against_it(
 @pytest.mark.parametrize(
     ("way", "factor"), [((1.0, 0.0), 1.2), ((0.6, 0.4), BETWEEN / 0.1), ((-3.0, -3.0), 2.0**0.5)]
 )
-def test_the_speed_of_approach_is_that_of_the_acceleration_toward_the_goal(
-    way: tuple[float, float], factor: float
-) -> None:
+def test_the_speed_of_approach_is_that_of_the_acceleration_toward_the_goal(way, factor):
     """No velocity is missing at it: u = 0.7 a brakes from sqrt(k k + 2 u d) - k, with k of three periods of u."""
     usable, distance = 0.7 * factor * 0.05, math.hypot(*way)
     knee = 3.0 * usable * 0.2
@@ -62,7 +58,7 @@ def test_the_speed_of_approach_is_that_of_the_acceleration_toward_the_goal(
     assert found == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
-def test_a_craft_at_rest_at_its_goal_is_given_zeros_with_or_without_the_ways() -> None:
+def test_a_craft_at_rest_at_its_goal_is_given_zeros_with_or_without_the_ways():
     rows = [
         columns([0.0, 0.0], (1.0, [0.0]), [0.0, 0.0], [0.0], own)
         for own in (OWN, OWN._replace(reach=REACH))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from campaigns.robustness import rows
-from rans import TASKS, ConfigError, GoToPose, Spacecraft
+from rans import TASKS, ConfigError, GoToPose
 from rans.episode import Setup, World, step
 from rans.scenario import draws, scenarios
 from rans.tasks.base import observation
@@ -44,9 +44,7 @@ FOLLOWED = [
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_what_is_expected_is_what_is_seen_next(
-    drift: float, response: float, name: str, craft: Spacecraft
-) -> None:
+def test_what_is_expected_is_what_is_seen_next(drift, response, name, craft):
     """In a perfect world, whose motion is the engine's; turning by up to 0.3 rad in a period."""
     task = TASKS[name]()
     body = layout(task, craft.dimension).body
@@ -68,7 +66,7 @@ def test_what_is_expected_is_what_is_seen_next(
 
 
 @both_crafts
-def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
+def test_a_force_and_a_torque_are_found(craft):
     """Of up to 0.3 N and 0.1 N m, steady in W and about the centre of mass, after 12 s of exact readings."""
     task = GoToPose()
     for name in ("force", "torque"):
@@ -92,7 +90,7 @@ def test_a_force_and_a_torque_are_found(craft: Spacecraft) -> None:
         assert len(told) == axes + spins
 
 
-def test_in_noise_it_is_the_filter_of_states() -> None:
+def test_in_noise_it_is_the_filter_of_states():
     """As `tests.support.state_filter` has it, in W and with quaternions, of the same readings and commands."""
     task = GoToPose()
     drift = 1e-3
@@ -130,7 +128,7 @@ def test_in_noise_it_is_the_filter_of_states() -> None:
 
 
 @pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (0.1, 3.0)])
-def test_no_reading_makes_it_lose_its_numbers(drift: float, response: float) -> None:
+def test_no_reading_makes_it_lose_its_numbers(drift, response):
     """Not even of rotations that are none, without responses: quaternions of interfaces are made of unit length."""
     task = GoToPose()
     random = np.random.default_rng(3)
@@ -169,7 +167,7 @@ class Curved(Windy):
         return VectorInW("there", "-", state.p.scale(state.v.dot(state.v) + state.p.dot(state.p)))
 
 
-def test_what_a_filter_cannot_follow_is_told() -> None:
+def test_what_a_filter_cannot_follow_is_told():
     for task, name in (
         (Windy(), "gust"),
         (Curved(), "there"),

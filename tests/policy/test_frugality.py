@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -29,13 +27,13 @@ from rans.pretrained import pretrained_folder
 from tests.support.pose_observations import observations
 
 
-def test_an_agent_with_weights_of_one_value_has_no_other() -> None:
+def test_an_agent_with_weights_of_one_value_has_no_other():
     own = load_policy(pretrained_folder("any-craft-3d")).network
     with pytest.raises(ConfigError, match="weights of one value"):
         at_value(Network(own.architecture, own.tensors), 0.0, 3.5)
 
 
-def test_the_ways_are_those_of_the_craft_that_flies() -> None:
+def test_the_ways_are_those_of_the_craft_that_flies():
     """The platform pushes most along its axes, `roboran-platform` between them, as a square does."""
     reach = contestant("any-craft-2d#1@roboran-platform").network.architecture.reach
     assert len(reach) == 8
@@ -49,7 +47,7 @@ def test_the_ways_are_those_of_the_craft_that_flies() -> None:
     assert contestant("adaptive:any-craft-2d#1").network.architecture.frugality.hold == 0.0
 
 
-def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0() -> None:
+def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0():
     agent = contestant("pretrained:any-craft-3d").network
 
     def acceleration(name: str) -> float:
@@ -67,9 +65,7 @@ def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0() -> None:
     st.floats(0.005, 1.0),
     st.floats(0.25, 3.0),
 )
-def test_a_longer_flight_has_slower_ways(
-    value: float, distance: float, seconds: float, acceleration: float, margin: float
-) -> None:
+def test_a_longer_flight_has_slower_ways(value, distance, seconds, acceleration, margin):
     """Up to 0.5 no length counts; above, weights are from those of 0.5 to those of the value."""
     short, long = (
         Leisure.of_flight(value, distance, length, acceleration, margin)
@@ -89,7 +85,7 @@ def test_a_longer_flight_has_slower_ways(
     assert speeds[1] <= speeds[0]
 
 
-def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle() -> None:
+def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle():
     network = contestant("any-craft-2d").network
     for value in (0.0, 0.2, 0.5, 0.7):
         short, long = (at_value(network, value, 3.5, seconds) for seconds in (25.0, math.inf))
@@ -113,7 +109,7 @@ def given_of(network: Network) -> list[float]:
     ]
 
 
-def test_distance_and_angle_by_hand() -> None:
+def test_distance_and_angle_by_hand():
     """Beyond 15 cm a quarter counts: 3 m along x become 0.15 + 0.25 * 2.85 m; then 0.5 m bound them."""
     half = Frugality(0.25, 0.0, 0.0, 1.0)
     (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half)
@@ -135,7 +131,7 @@ def test_distance_and_angle_by_hand() -> None:
         assert math.degrees(math.atan2(float(sine), float(cosine))) == pytest.approx(expected)
 
 
-def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm() -> None:
+def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm():
     """Far away the commands are those of one price, near the goal those of another, and both differ."""
     own = contestant("any-craft-2d#1").network
     numbers = own.architecture.frugality
@@ -160,7 +156,7 @@ def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm() -> None:
     assert np.array_equal(found, np.where(away[:, None].numpy() > 0.0, far, near))
 
 
-def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -> None:
+def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up():
     """As if the craft had them: 0.3 m/s^2 times 1.2 are 0.36; wheels that bound the speed leave them."""
     seen = contestant("any-craft-2d").network.architecture.layout
     body = [0.2, -0.1, 0.3, 0.0, 1.5, -0.7, 0.8, 0.6]
@@ -174,7 +170,7 @@ def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up() -
     assert bounded == pytest.approx(of_body(seen, body, slow, farthest=(0.5, 1.0)))
 
 
-def test_a_file_keeps_the_weights_of_all_values(tmp_path: Path) -> None:
+def test_a_file_keeps_the_weights_of_all_values(tmp_path):
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
     own = network.weights()
@@ -200,7 +196,7 @@ def test_a_file_keeps_the_weights_of_all_values(tmp_path: Path) -> None:
             read_policy(file)
 
 
-def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_folder_keeps_the_value(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = ContestantName.parse("any-craft-2d#0.8@pingu").folder
     saved = read_policy(folder / "agent.safetensors").network
@@ -234,7 +230,7 @@ def test_a_run_folder_keeps_the_value(tmp_path: Path, monkeypatch: pytest.Monkey
         ),
     ],
 )
-def test_other_numbers_in_a_file_are_refused(forged: dict[str, Any], tmp_path: Path) -> None:
+def test_other_numbers_in_a_file_are_refused(forged, tmp_path):
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
     file.write_bytes(actor_bytes(replace(network.architecture, **forged), network.weights(), 0))
@@ -243,7 +239,7 @@ def test_other_numbers_in_a_file_are_refused(forged: dict[str, Any], tmp_path: P
 
 
 @pytest.mark.parametrize("spec", ["adaptive:any-craft-2d", "any-craft-2d@pingu", "any-craft-3d"])
-def test_a_file_says_that_pulses_hold_only_a_craft_that_they_can(spec: str, tmp_path: Path) -> None:
+def test_a_file_says_that_pulses_hold_only_a_craft_that_they_can(spec, tmp_path):
     network = contestant(spec).network
     file = tmp_path / "agent.safetensors"
     forged = replace(network.architecture, frugal=tuple(AS_TRAINED._replace(hold=1.0)))
@@ -253,9 +249,7 @@ def test_a_file_says_that_pulses_hold_only_a_craft_that_they_can(spec: str, tmp_
 
 
 @pytest.mark.parametrize("later", [(), (1.0,)])
-def test_files_of_before_prices_fell_and_pulses_held_are_read(
-    later: tuple[float, ...], tmp_path: Path
-) -> None:
+def test_files_of_before_prices_fell_and_pulses_held_are_read(later, tmp_path):
     network = contestant("any-craft-2d").network
     file = tmp_path / "agent.safetensors"
     older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0, *later))

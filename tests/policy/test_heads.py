@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 import torch
@@ -32,7 +31,7 @@ BITS = (torch.rand(20, 8, generator=GENERATOR, dtype=torch.float64) < 0.5).doubl
     ],
     ids=["on/off", "duties, spread of all", "duties, spread of each"],
 )
-def test_distributions_are_torchs(ours: Any, theirs: Any, action: torch.Tensor) -> None:
+def test_distributions_are_torchs(ours, theirs, action):
     theirs = Independent(theirs, 1)
     torch.testing.assert_close(
         ours.log_prob(action), theirs.log_prob(action), rtol=1e-12, atol=1e-12
@@ -40,7 +39,7 @@ def test_distributions_are_torchs(ours: Any, theirs: Any, action: torch.Tensor) 
     torch.testing.assert_close(ours.entropy(), theirs.entropy(), rtol=1e-12, atol=1e-12)
 
 
-def test_certain_thrusters_give_finite_numbers() -> None:
+def test_certain_thrusters_give_finite_numbers():
     """A probability that rounds to 0 or 1 must not become infinity minus infinity."""
     output = OnOff(torch.tensor([[-500.0, 500.0]]))
     assert output.log_prob(torch.tensor([[0.0, 1.0]])).item() == 0.0
@@ -49,7 +48,7 @@ def test_certain_thrusters_give_finite_numbers() -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_no_command_is_further_than_six_deviations(dtype: torch.dtype) -> None:
+def test_no_command_is_further_than_six_deviations(dtype):
     """At either end of [0, 1], which a random number may round to, a command is infinitely far off else."""
     policy = ClippedGaussian(
         torch.full((1, 2), 0.5, dtype=dtype), torch.tensor([0.1, 0.2], dtype=dtype).log()
@@ -58,7 +57,7 @@ def test_no_command_is_further_than_six_deviations(dtype: torch.dtype) -> None:
     torch.testing.assert_close(sample, torch.tensor([[-0.1, 1.7]], dtype=dtype))
 
 
-def test_six_deviations_cut_off_nothing_else() -> None:
+def test_six_deviations_cut_off_nothing_else():
     """0.9999997 is the quantile of 5 deviations: 2.9e-7 are beyond."""
     policy = ClippedGaussian(
         torch.zeros(1, 2, dtype=torch.float64), torch.zeros(2, dtype=torch.float64)
@@ -70,7 +69,7 @@ def test_six_deviations_cut_off_nothing_else() -> None:
     )
 
 
-def test_a_view_of_the_spacecraft_takes_each_thrusters_own() -> None:
+def test_a_view_of_the_spacecraft_takes_each_thrusters_own():
     """Thruster 0 stands third in the view of the first state, and second in that of the second."""
     place = torch.tensor([[2, 0, 1], [1, 2, 0]])
     own = torch.tensor([[10.0, 11.0, 12.0], [20.0, 21.0, 22.0]])
@@ -92,7 +91,7 @@ def patterns(demand: list[list[float]]) -> Patterns:
     )
 
 
-def test_a_pattern_is_the_more_likely_the_less_it_leaves_of_a_demand() -> None:
+def test_a_pattern_is_the_more_likely_the_less_it_leaves_of_a_demand():
     """A demand of 0.7 is missed by 0.49, 0.09 and 0.2, 2.89 and 0.2, or 0.49 and 0.4."""
     policy = patterns([[0.7], [0.5]])
     costs = torch.tensor([[0.49, 0.29, 3.09, 0.89], [0.25, 0.45, 2.45, 0.65]], dtype=torch.float64)
@@ -114,7 +113,7 @@ def test_a_pattern_is_the_more_likely_the_less_it_leaves_of_a_demand() -> None:
     assert few.log_prob(torch.ones(2, 2, dtype=torch.float64)).tolist() == [-math.inf, -math.inf]
 
 
-def test_patterns_are_drawn_as_often_as_they_are_likely() -> None:
+def test_patterns_are_drawn_as_often_as_they_are_likely():
     count = 10_000
     even = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
     policy = patterns([[0.7]] * count)
@@ -133,7 +132,7 @@ def gated(logit: float, level: float, log_std: float, count: int = 1) -> GatedGa
     return GatedGaussian(whole(logit), whole(level), torch.tensor([log_std], dtype=torch.float64))
 
 
-def test_a_gate_fires_as_often_as_its_probability_and_the_throttle_is_gaussian() -> None:
+def test_a_gate_fires_as_often_as_its_probability_and_the_throttle_is_gaussian():
     """Of 200,000 even numbers: a share within 1e-5, and a Kolmogorov-Smirnov distance of the same order."""
     count = 200_000
     uniform = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
@@ -145,7 +144,7 @@ def test_a_gate_fires_as_often_as_its_probability_and_the_throttle_is_gaussian()
     assert stats.kstest(action[fires].numpy(), stats.norm(0.6, 0.1).cdf).statistic < 1e-4
 
 
-def test_the_probabilities_of_a_gated_throttle_sum_to_one() -> None:
+def test_the_probabilities_of_a_gated_throttle_sum_to_one():
     policy = gated(0.4, 0.6, math.log(0.3), 20_001)
     levels = torch.linspace(-4.0, 5.0, 20_001, dtype=torch.float64)[:, None]
     density = policy.log_prob(levels).exp()
@@ -153,7 +152,7 @@ def test_the_probabilities_of_a_gated_throttle_sum_to_one() -> None:
     assert abs(torch.trapezoid(density, levels[:, 0]) + shut - 1.0) < 1e-6
 
 
-def test_the_entropy_of_a_gated_throttle_is_its_mean_surprise() -> None:
+def test_the_entropy_of_a_gated_throttle_is_its_mean_surprise():
     count = 200_000
     uniform = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
     policy = gated(0.4, 0.6, math.log(0.3), count)
@@ -161,7 +160,7 @@ def test_the_entropy_of_a_gated_throttle_is_its_mean_surprise() -> None:
     assert abs(surprise - policy.entropy()[0]) < 1e-4
 
 
-def test_a_gate_that_rather_stays_shut_commands_exactly_zero() -> None:
+def test_a_gate_that_rather_stays_shut_commands_exactly_zero():
     policy = GatedGaussian(
         torch.tensor([[-0.1, 0.1, 0.1, 0.1]]), torch.tensor([[0.5, 0.5, -0.2, 1.7]]), torch.zeros(4)
     )
@@ -170,7 +169,7 @@ def test_a_gate_that_rather_stays_shut_commands_exactly_zero() -> None:
 
 @pytest.mark.parametrize("name", HEADS)
 @pytest.mark.parametrize("duty", [0.1, 0.5, 0.8])
-def test_untrained_commands_have_the_duty_in_the_mean(name: str, duty: float) -> None:
+def test_untrained_commands_have_the_duty_in_the_mean(name, duty):
     head = HEADS[name]
     bias = torch.zeros(head.weights * 3, dtype=torch.float64)
     head.expect(bias, duty)
@@ -183,7 +182,7 @@ def test_untrained_commands_have_the_duty_in_the_mean(name: str, duty: float) ->
 
 
 @pytest.mark.parametrize("name", HEADS)
-def test_the_deterministic_command_on_fields_is_the_distributions_mode(name: str) -> None:
+def test_the_deterministic_command_on_fields_is_the_distributions_mode(name):
     head = HEADS[name]
     outputs = torch.randn(50, head.outputs * 3, generator=GENERATOR, dtype=torch.float64)
     policy = head.distribution(outputs, torch.zeros(3, dtype=torch.float64))

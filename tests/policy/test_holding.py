@@ -23,7 +23,7 @@ def pulse(push: float = 0.0, kick: float = 0.0, own: tuple[float, ...] = REST) -
     return float(worth(own, (push, 0.0, kick), 1.0, 1.0, 1.0))
 
 
-def test_worth_is_minus_the_thrust_for_each_period_inside() -> None:
+def test_worth_is_minus_the_thrust_for_each_period_inside():
     """From rest a push of 0.1 covers 0.05 in its period, and then 0.97 - 0.05 at 0.1 a period: 9.2 periods."""
     assert pulse(push=0.1) == pytest.approx(-1.0 / 8.2, rel=1e-4)
     assert pulse(push=-0.1) == pytest.approx(-1.0 / 8.2, rel=1e-4)
@@ -36,7 +36,7 @@ def test_worth_is_minus_the_thrust_for_each_period_inside() -> None:
     assert pulse(push=0.1, own=(0.9, 0, 0, 0, 0, 0)) == pytest.approx(-1.0 / 17.2, rel=1e-3)
 
 
-def test_a_pulse_that_ends_outside_or_leaves_at_once_is_worth_least() -> None:
+def test_a_pulse_that_ends_outside_or_leaves_at_once_is_worth_least():
     assert pulse(push=2.0) == pulse(kick=2.0) == -1e6
     assert pulse(push=0.8) == -1e6  # 0.57 are left at 0.8 a period, less than a period
     assert pulse(kick=-0.8) == -1e6
@@ -49,7 +49,7 @@ def by_hand(period: float = 0.2) -> Pulses:
     return pulses_of(opened, twist, opened.sum(axis=1), (0.05, math.radians(5.0)), period)
 
 
-def test_a_craft_coasts_while_it_is_inside_two_periods_later() -> None:
+def test_a_craft_coasts_while_it_is_inside_two_periods_later():
     """Each period it moves by 0.4 tolerances from the goal: inside two periods later, then not."""
     pulses = by_hand()
     assert (pulses.radius, pulses.angle) == pytest.approx((1.0, 1.0))
@@ -62,7 +62,7 @@ def test_a_craft_coasts_while_it_is_inside_two_periods_later() -> None:
     assert tuple(first(turned, pulses)) == (1e5, -1e6)
 
 
-def test_at_most_three_thrusters_open_and_the_first_row_is_the_networks() -> None:
+def test_at_most_three_thrusters_open_and_the_first_row_is_the_networks():
     pulses = by_hand()
     assert pulses.thrust.tolist() == [1.0, 1.0, 2.0]
     assert (pulses.table[:, :-1] > 0.0).tolist() == [
@@ -77,7 +77,7 @@ def test_at_most_three_thrusters_open_and_the_first_row_is_the_networks() -> Non
     assert len(pulses_of(opened, np.zeros((2, 3)), np.ones(2), (1.0, 1.0), 0.2).twist) == 1
 
 
-def test_pulses_are_chosen_within_the_tolerances_alone() -> None:
+def test_pulses_are_chosen_within_the_tolerances_alone():
     """Elsewhere the commands are those of the network, bit for bit."""
     own = contestant("any-craft-2d#1").network
     numbers = own.architecture.frugality

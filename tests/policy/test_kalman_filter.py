@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from rans import GoToPose, Spacecraft
+from rans import GoToPose
 from rans.model.fields import Heading, Quat
 from rans.scenario import scenarios
 from rans.tasks.base import Task, observation
@@ -18,7 +18,7 @@ from tests.support.filter_flights import COUNT, SEED, TIMING, in_body, made
 
 
 @pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (1.0, 0.0), (1e-3, 1.0), (0.03, 1.0)])
-def test_covariances_become_those_of_scipy(drift: float, response: float) -> None:
+def test_covariances_become_those_of_scipy(drift, response):
     """SciPy solves the algebraic Riccati equation of a pose and its velocity, read with equal noise.
 
     With steady accelerations the state has one too, which no sensor reads.
@@ -48,7 +48,7 @@ def _example(task: Task) -> Any:
 
 
 @pytest.mark.parametrize(("craft", "drift"), [(PLATFORM, 1e-3), (FLYER, 1.0)])
-def test_a_rotation_stays_one(drift: float, craft: Spacecraft) -> None:
+def test_a_rotation_stays_one(drift, craft):
     """In single precision, over three hundred turns in tumbling flight: rounding once doubled with each."""
     task = GoToPose()
     random = np.random.default_rng(2)

@@ -65,7 +65,7 @@ def gated(agent: Architecture, readings: Iterator[tuple[np.ndarray, Any]]) -> li
 
 
 @both_crafts
-def test_noisy_readings_that_nobody_missed_count_as_they_are(craft: Spacecraft) -> None:
+def test_noisy_readings_that_nobody_missed_count_as_they_are(craft):
     random = np.random.default_rng(2)
     readings = [
         (read + random.normal(0.0, 0.01, read.shape), command) for read, command in flown(craft, 40)
@@ -76,7 +76,7 @@ def test_noisy_readings_that_nobody_missed_count_as_they_are(craft: Spacecraft) 
 
 
 @pytest.mark.parametrize(("craft", "what"), [(PLATFORM, "all"), (FLYER, "spin")])
-def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) -> None:
+def test_a_missed_reading_is_what_motion_brings(what, craft):
     """Three periods in a row, in the middle of thrust."""
     where = slice(None) if what == "all" else columns_of(craft, AngularVelocity)
     held = dict[int, np.ndarray]()
@@ -107,7 +107,7 @@ def test_a_missed_reading_is_what_motion_brings(what: str, craft: Spacecraft) ->
 
 
 @both_crafts
-def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft: Spacecraft) -> None:
+def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft):
     spin = columns_of(craft, AngularVelocity)
 
     def read(wild: Sequence[int]) -> Iterator[tuple[np.ndarray, Any]]:
@@ -128,7 +128,7 @@ def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft: Spacecraft)
     assert np.abs(stays[39] - truth[39])[spin].min() > 999.0
 
 
-def test_a_perfect_sensor_may_repeat_itself() -> None:
+def test_a_perfect_sensor_may_repeat_itself():
     """A craft at rest reads the same for ever, although a wild reading had its filter expect otherwise."""
     rest, _ = next(iter(flown(PLATFORM, 1)))
     spin = columns_of(PLATFORM, AngularVelocity)

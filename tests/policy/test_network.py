@@ -25,7 +25,7 @@ def untrained(dtype: torch.dtype = torch.float64, **settings: Any) -> Network:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_statistics_are_those_of_all_observations(dtype: torch.dtype) -> None:
+def test_statistics_are_those_of_all_observations(dtype):
     network = untrained(dtype=dtype)
     generator = torch.Generator().manual_seed(2)
     scale, shift = torch.rand(2, 10, generator=generator) * 5
@@ -57,13 +57,13 @@ def outputs_of(matmul: Precision, device: str) -> Tensor:
         return network.evaluate(seen(PLATFORM, 64).float().to(device)).value
 
 
-def test_a_cpu_knows_no_bf16() -> None:
+def test_a_cpu_knows_no_bf16():
     assert torch.equal(outputs_of("bf16", "cpu"), outputs_of("tf32", "cpu"))
 
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-def test_bf16_rounds_the_hidden_layers() -> None:
+def test_bf16_rounds_the_hidden_layers():
     """To 8 significant bits, of numbers of order one."""
     difference = (outputs_of("bf16", "cuda") - outputs_of("tf32", "cuda")).abs().max()
     assert 1e-5 < difference < 2e-2

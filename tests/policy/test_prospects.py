@@ -30,7 +30,7 @@ def three_pairs(lever: float) -> Spacecraft:
     return replace(PLATFORM, name="pairs", thrusters=thrusters)
 
 
-def test_a_pulse_by_hand() -> None:
+def test_a_pulse_by_hand():
     """1 N on 5 kg for 0.2 s gives 0.04 m/s, 0.8 cm a period; at 0.2 m and 0.2 kg m^2 it turns by 0.04 rad."""
     inertia = tuple(map(tuple, 0.2 * np.eye(3)))
     craft = replace(three_pairs(0.2), mass=5.0, inertia=inertia)
@@ -40,11 +40,11 @@ def test_a_pulse_by_hand() -> None:
     assert "moves it 0.8 cm and turns it 2.29 degrees" in found.text(0.2)
 
 
-def test_a_large_turn_is_no_power_of_ten() -> None:
+def test_a_large_turn_is_no_power_of_ten():
     assert "turns it 230 degrees" in Prospect.of(PLATFORM, 0.1)._replace(turn=4.0143).text(0.1)
 
 
-def test_only_thrusters_whose_loss_leaves_a_margin_are_spared() -> None:
+def test_only_thrusters_whose_loss_leaves_a_margin_are_spared():
     assert spared(PLATFORM, 0.1) == "Any one of its thrusters may be dead, and it still settles."
     craft = three_pairs(0.15)
     # The pairs through the centre leave no torque about z but by the last two: either is needed.
@@ -55,7 +55,7 @@ def test_only_thrusters_whose_loss_leaves_a_margin_are_spared() -> None:
         Prospect.of(replace(craft, thrusters=craft.thrusters[:4]), 0.2)
 
 
-def test_the_shortest_pulse_is_printed() -> None:
+def test_the_shortest_pulse_is_printed():
     """Three of forty steps of 0.1 s."""
     valves = replace(PLATFORM, actuators=Pulsed(40, 3))
     assert "The shortest pulse has 7.5 ms." in Prospect.of(valves, 0.1).text(0.1)
@@ -69,7 +69,7 @@ def changed(number: int, **changes: Any) -> Spacecraft:
     return replace(PLATFORM, thrusters=tuple(thrusters))
 
 
-def test_reversed_copied_and_lonely_thrusters_are_asked_about() -> None:
+def test_reversed_copied_and_lonely_thrusters_are_asked_about():
     assert list(slips(PLATFORM)) == []
     x, y, z = PLATFORM.thrusters[5].direction
     # Thrusters 4 and 5 push against each other at one corner: now either may be the wrong one.

@@ -70,7 +70,7 @@ def single_tasks() -> list[Any]:
 
 @pytest.mark.parametrize("task", single_tasks(), ids=lambda task: type(task).__name__)
 @both_crafts
-def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) -> None:
+def test_policies_fly_every_equivalent_view_alike(craft, task):
     if craft.dimension == 3 and type(task).__name__ == "TrackVelocityHeading":
         pytest.skip("a task of the plane")
     if craft.dimension not in task.dimensions:
@@ -106,9 +106,7 @@ def test_policies_fly_every_equivalent_view_alike(craft: Spacecraft, task: Any) 
 
 @both_crafts
 @pytest.mark.parametrize("drift", [(), (0.1,)], ids=["history", "commands and a filter"])
-def test_what_is_remembered_is_seen_from_the_same_side(
-    craft: Spacecraft, drift: tuple[float, ...]
-) -> None:
+def test_what_is_remembered_is_seen_from_the_same_side(craft, drift):
     """Flights of three steps, and the same flights of a craft turned about."""
     task = TASKS["go-to-pose"]()
     memory = {"memory": MemorySettings(2), "filters": FilterSettings(drift)}
@@ -142,7 +140,7 @@ def test_what_is_remembered_is_seen_from_the_same_side(
 
 
 @both_crafts
-def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft: Spacecraft) -> None:
+def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft):
     views = views_of(craft)
     wrench = np.array(craft.wrench_map)
     d = craft.dimension
@@ -152,7 +150,7 @@ def test_thrusters_push_in_their_new_places_as_in_their_old_ones(craft: Spacecra
         np.testing.assert_allclose(wrench[place][:, d:], torque, atol=1e-12)
 
 
-def test_spacecraft_with_less_symmetry() -> None:
+def test_spacecraft_with_less_symmetry():
     anchor = tuple(replace(t, force=0.5) if i < 2 else t for i, t in enumerate(PLATFORM.thrusters))
     diagonal = views_of(
         replace(PLATFORM, thrusters=anchor)
@@ -171,26 +169,26 @@ def test_spacecraft_with_less_symmetry() -> None:
     assert symmetries(nasty_spatial()) is None
 
 
-def test_twin_thrusters_never_share_a_place() -> None:
+def test_twin_thrusters_never_share_a_place():
     """Of two at one place it cannot be said which becomes which, and one command must not go to both."""
     views = symmetries(replace(PLATFORM, thrusters=PLATFORM.thrusters * 2))
     places = [] if views is None else views.place.tolist()
     assert all(sorted(place) == list(range(16)) for place in places)
 
 
-def test_thrusters_without_a_lever_arm_have_their_own_view_only() -> None:
+def test_thrusters_without_a_lever_arm_have_their_own_view_only():
     centred = tuple(replace(t, position=(0.0, 0.0, 0.0)) for t in PLATFORM.thrusters)
     assert symmetries(replace(PLATFORM, thrusters=centred)) is None
 
 
-def test_a_tank_off_the_centre_is_on_one_side() -> None:
+def test_a_tank_off_the_centre_is_on_one_side():
     tank = Propellant(1.0, 200.0, (0.05, 0.02, 0.0))
     assert symmetries(replace(PLATFORM, propellant=tank)) is None
     centred = replace(tank, position=PLATFORM.centre_of_mass)
     assert len(views_of(replace(PLATFORM, propellant=centred)).hand) == len(views_of(PLATFORM).hand)
 
 
-def test_sides_with_other_supplies_do_not_look_the_same() -> None:
+def test_sides_with_other_supplies_do_not_look_the_same():
     """Supplies by turns leave half of the platform's views; one thruster with a supply of its own leaves none."""
     every = len(views_of(PLATFORM).hand)
     halves = tuple(replace(one, supply=i // 4) for i, one in enumerate(PLATFORM.thrusters))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,7 @@ def slow() -> Spacecraft:
     return replace(PLATFORM, name="slow", mass=20.0 * PLATFORM.mass, inertia=inertia)  # pyrefly: ignore[bad-argument-type]
 
 
-def test_every_contestant_of_a_file_flies_the_same_length_and_period(tmp_path: Path) -> None:
+def test_every_contestant_of_a_file_flies_the_same_length_and_period(tmp_path):
     file = tmp_path / "slow.toml"
     file.write_text(to_toml(slow()))
     chosen = timing_for(slow(), Timing())
@@ -45,7 +44,7 @@ def test_every_contestant_of_a_file_flies_the_same_length_and_period(tmp_path: P
     assert contestant("lqr:go-to-pose-2d@floating-platform").timing == Timing()
 
 
-def test_a_period_is_set_for_who_can_act_at_any(tmp_path: Path) -> None:
+def test_a_period_is_set_for_who_can_act_at_any(tmp_path):
     file = tmp_path / "slow.toml"
     file.write_text(to_toml(slow()))
     length = timing_for(slow(), Timing(), 0.1).episode_steps * 0.1
@@ -61,7 +60,7 @@ def test_a_period_is_set_for_who_can_act_at_any(tmp_path: Path) -> None:
     assert enlist(f"lqr:go-to-pose-2d@{file}", contest).name == "LQR"
 
 
-def test_what_cannot_be_steered_is_refused_by_its_axis_before_its_length() -> None:
+def test_what_cannot_be_steered_is_refused_by_its_axis_before_its_length():
     """Four thrusters that cannot push it one way along x: rounding leaves 1e-18 m/s^2 there."""
     layout = (
         ((0.2, 0.05), (-1.0, 0.2)),
@@ -80,7 +79,7 @@ def test_what_cannot_be_steered_is_refused_by_its_axis_before_its_length() -> No
         timing_for(craft, Timing())
 
 
-def test_a_craft_of_wrong_units_keeps_the_length_of_its_task_and_is_refused_by_the_agent() -> None:
+def test_a_craft_of_wrong_units_keeps_the_length_of_its_task_and_is_refused_by_the_agent():
     """1e11 times the mass over force takes 3e5 times as long: 13 s for 4 m become 1.5 months, of 0.2 s each."""
     inertia = tuple(tuple(1e8 * x for x in row) for row in PLATFORM.inertia)
     weak = tuple(replace(one, force=1e-3 * one.force) for one in PLATFORM.thrusters)
@@ -102,8 +101,8 @@ def test_a_craft_of_wrong_units_keeps_the_length_of_its_task_and_is_refused_by_t
     ],
 )
 def test_thrusters_that_turn_a_craft_far_in_space_are_commanded_often(
-    name: str, mass: float, moment: float, arm: float, force: float, period: float
-) -> None:
+    name, mass, moment, arm, force, period
+):
     """Four on levers (m) along every axis, on a ball of so many kg and kg m^2."""
     unit = np.eye(3)
     thrusters = tuple(

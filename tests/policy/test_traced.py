@@ -85,7 +85,7 @@ def agree(found: Any, expected: np.ndarray) -> None:
 
 
 @each_policy
-def test_policies_command_something(kind: str) -> None:
+def test_policies_command_something(kind):
     _, _, commands = known(kind)
     assert 0.05 < commands.mean() < 0.95
     if "gated" in kind:
@@ -93,7 +93,7 @@ def test_policies_command_something(kind: str) -> None:
 
 
 @each_policy
-def test_the_traced_program_on_fields(kind: str) -> None:
+def test_the_traced_program_on_fields(kind):
     """The program that all other executors are printed from, run by NumPy."""
     network, rows, expected = known(kind)
     given = network.architecture
@@ -118,7 +118,7 @@ def test_the_traced_program_on_fields(kind: str) -> None:
 
 
 @each_policy
-def test_flights_as_machine_code(kind: str) -> None:
+def test_flights_as_machine_code(kind):
     """What the processor's own code flies is what torch and NumPy fly; what it has no code for, they fly."""
     network, _, _ = known(kind)
     craft, settings = POLICIES[kind]

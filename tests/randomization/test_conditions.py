@@ -25,7 +25,7 @@ from rans.randomization.conditions import ThrusterConditions as Thrusters
 from rans.randomization.parameters import EpisodeParameters
 
 
-def test_how_long_a_command_is_felt() -> None:
+def test_how_long_a_command_is_felt():
     """Until its ramp is over, begun after both delays."""
     lag = Thrusters(latency=(0.0, 0.1), command_delay=0.2, rise=(0.0, 0.08))
     assert Conditions(thrusters=lag).delay == pytest.approx(0.3)
@@ -33,7 +33,7 @@ def test_how_long_a_command_is_felt() -> None:
     assert Conditions(thrusters=Thrusters(rise=0.05)).lasting == 0.05
 
 
-def test_which_thrusters_are_known_to_be_dead() -> None:
+def test_which_thrusters_are_known_to_be_dead():
     """Only if nothing else can happen to them, and nothing happens later."""
     dead = Conditions(faults=Faults(kinds=("dead",), thrusters=(4, 1)), description="without two")
     assert (dead.dead, dead.only_dead) == ((4, 1), True)
@@ -68,7 +68,7 @@ def drawn(conditions: Conditions, dtype: type = np.float64) -> EpisodeParameters
     return case
 
 
-def test_an_episode_meets_one_of_them_as_often_as_its_weight_says() -> None:
+def test_an_episode_meets_one_of_them_as_often_as_its_weight_says():
     case = drawn(MIXED)
     assert case.lag is not None
     assert case.sensors is not None
@@ -87,7 +87,7 @@ def test_an_episode_meets_one_of_them_as_often_as_its_weight_says() -> None:
     assert set(case.sensors.noise[0]) == {0.0, 0.05}
 
 
-def test_one_of_equals_draws_what_it_draws_alone() -> None:
+def test_one_of_equals_draws_what_it_draws_alone():
     """Choosing takes numbers of a stream of its own."""
     alone = drawn(LATE)
     chosen = drawn(replace(LATE, others=(LATE, LATE)))
@@ -95,14 +95,14 @@ def test_one_of_equals_draws_what_it_draws_alone() -> None:
         assert np.array_equal(one, other)
 
 
-def test_single_precision_stays_so() -> None:
+def test_single_precision_stays_so():
     assert {x.dtype for x in leaves(drawn(MIXED, np.float32)) if isinstance(x, np.ndarray)} == {
         np.dtype("float32"),
         np.dtype("int32"),
     }
 
 
-def test_episodes_remember_for_the_longest_of_them() -> None:
+def test_episodes_remember_for_the_longest_of_them():
     """0.3 s of latency are felt for two periods of 0.2 s, a valve that holds for 0.7 s for four."""
     assert World(Setup(PLATFORM, GoToPose(), conditions=MIXED)).remembered == 2
     slow = Conditions(thrusters=ThrusterConditions(least_on=0.7))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
@@ -25,25 +24,25 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_text_gives_the_same_conditions(name: str, tmp_path: Path) -> None:
+def test_text_gives_the_same_conditions(name, tmp_path):
     file = tmp_path / "own.toml"
     file.write_text(conditions_text(CASES[name]), "utf-8")
     assert load_conditions(file) == CASES[name]
 
 
-def test_only_what_is_not_the_default_is_written() -> None:
+def test_only_what_is_not_the_default_is_written():
     assert conditions_text(Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.1)))) == (
         "thrusters = { latency = [0.0, 0.1] }\n"
     )
 
 
-def test_a_missing_file_is_told_once(tmp_path: Path) -> None:
+def test_a_missing_file_is_told_once(tmp_path):
     with pytest.raises(ConfigError) as caught:
         load_conditions(tmp_path / "own.toml")
     assert str(caught.value).count("own.toml") == 1
 
 
-def test_a_base_gives_what_a_file_leaves_out(tmp_path: Path) -> None:
+def test_a_base_gives_what_a_file_leaves_out(tmp_path):
     """In its parts too: of several worlds each has its own."""
     file = tmp_path / "own.toml"
     file.write_text(

@@ -35,7 +35,7 @@ def health(conditions: FaultConditions, time: float = 0.0, count: int = COUNT) -
         ("weak", (0.3, 0.8), (0.0, 0.0)),
     ],
 )
-def test_each_kind_does_what_it_says(kind: Any, gain: Any, leak: Any) -> None:
+def test_each_kind_does_what_it_says(kind, gain, leak):
     gains, leaks = health(FaultConditions(count=1.0, kinds=(kind,), share=(0.3, 0.8)))
     hit = (gains != 1.0) | (leaks != 0.0)
     assert (hit.sum(axis=0) == 1).all()
@@ -45,7 +45,7 @@ def test_each_kind_does_what_it_says(kind: Any, gain: Any, leak: Any) -> None:
         assert low == high or values.std() > 0.1  # of a uniform range of a half: 0.14
 
 
-def test_named_thrusters_fail_in_every_episode_and_no_others() -> None:
+def test_named_thrusters_fail_in_every_episode_and_no_others():
     gains, leaks = health(FaultConditions(kinds=("dead", "stuck-open"), thrusters=(5, 2)))
     assert (gains[[2, 5]] == 0.0).all()
     assert (gains[[0, 1, 3, 4, 6, 7]] == 1.0).all()
@@ -58,7 +58,7 @@ def test_named_thrusters_fail_in_every_episode_and_no_others() -> None:
     assert (later == 1.0).all()
 
 
-def test_four_distinct_thrusters_fail_each_set_as_likely() -> None:
+def test_four_distinct_thrusters_fail_each_set_as_likely():
     gains, _ = health(FaultConditions(count=4.0, kinds=("dead",)))
     assert ((gains == 0.0).sum(axis=0) == 4).all()
     seen = Counter(tuple(np.nonzero(column == 0.0)[0].tolist()) for column in gains.T)
@@ -67,7 +67,7 @@ def test_four_distinct_thrusters_fail_each_set_as_likely() -> None:
     assert stats.chisquare([seen[one] for one in sets]).pvalue > LIKELY
 
 
-def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:
+def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely():
     gains, leaks = health(FaultConditions(count=(0.0, 2.0), kinds=("dead", "stuck-open")))
     number = (gains == 0.0).sum(axis=0)
     assert stats.chisquare(np.bincount(number, minlength=3)).pvalue > LIKELY
@@ -85,9 +85,7 @@ def test_as_many_fail_as_are_drawn_and_kinds_are_as_likely() -> None:
         (3, "stuck-open", 2, "unrecoverable"),
     ],
 )
-def test_sets_that_are_recoverable_or_not_are_each_as_likely(
-    among: Any, count: int, kind: Any, dimension: int
-) -> None:
+def test_sets_that_are_recoverable_or_not_are_each_as_likely(among, count, kind, dimension):
     faults = FaultConditions(float(count), (kind,), among=among)
     expected = {
         one.thrusters
@@ -110,7 +108,7 @@ def test_sets_that_are_recoverable_or_not_are_each_as_likely(
     assert stats.chisquare(list(seen.values())).pvalue > LIKELY
 
 
-def test_recoverable_faults_are_as_many_and_of_each_kind_as_often_and_pairs_fail_alike() -> None:
+def test_recoverable_faults_are_as_many_and_of_each_kind_as_often_and_pairs_fail_alike():
     conditions = FaultConditions(count=(0.0, 2.0), among="recoverable")
     gains, leaks = health(conditions)
     number = (gains == 0.0).sum(axis=0)
@@ -120,7 +118,7 @@ def test_recoverable_faults_are_as_many_and_of_each_kind_as_often_and_pairs_fail
     assert stats.binomtest(int((stuck > 0).sum()), int((number > 0).sum())).pvalue > LIKELY
 
 
-def test_kinds_with_sets_of_their_own_keep_them() -> None:
+def test_kinds_with_sets_of_their_own_keep_them():
     """Of a craft whose thruster 0 is too strong for the others to balance, it cannot be stuck open."""
     first, *others = PLATFORM.thrusters
     strong = replace(PLATFORM, thrusters=(replace(first, force=20.0), *others))
@@ -135,7 +133,7 @@ def test_kinds_with_sets_of_their_own_keep_them() -> None:
     assert stats.chisquare(dead.sum(axis=1)).pvalue > LIKELY
 
 
-def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:
+def test_who_does_not_fail_keeps_the_thrust_it_drew():
     """And who is stuck open gives all of it."""
     drawn = Conditions(
         thrusters=ThrusterConditions(thrust=(0.7, 0.9)),
@@ -149,7 +147,7 @@ def test_who_does_not_fail_keeps_the_thrust_it_drew() -> None:
     assert ((np.array(failed.leak) > 0.0).sum(axis=0) == 1).all()
 
 
-def test_where_one_or_two_fail_one_alone_is_any_of_those_that_may() -> None:
+def test_where_one_or_two_fail_one_alone_is_any_of_those_that_may():
     """Not the first of two, which is seldom one of the last thrusters."""
     faults = FaultConditions(count=(1.0, 2.0), kinds=("dead",), among="recoverable")
     gains, _ = health(faults)
@@ -162,7 +160,7 @@ def test_where_one_or_two_fail_one_alone_is_any_of_those_that_may() -> None:
     assert stats.chisquare(seen[may]).pvalue > LIKELY
 
 
-def test_the_strongest_body_gives_what_leaks_as_thrust() -> None:
+def test_the_strongest_body_gives_what_leaks_as_thrust():
     """By hand: nozzles that leak 0.2 give 1.2 before; stuck at 0.5 one would give less, stuck open 1."""
     leaking = replace(Body.of(PLATFORM), gain=(1.0,) * 8, leak=(0.2,) * 8)
     own = draws(5, 4)

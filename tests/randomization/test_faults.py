@@ -9,7 +9,6 @@ import pytest
 from scipy.optimize import linprog
 
 import rans
-from rans.randomization.conditions import FaultKind
 from rans.randomization.faults import failed, fault_sets, margin
 
 PLATFORM = rans.load_spacecraft("floating-platform")
@@ -20,9 +19,7 @@ PLATFORM = rans.load_spacecraft("floating-platform")
     [("floating-platform", 8, 16), ("atmos", 8, 16), ("free-flyer", 16, 96)],
 )
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
-def test_as_many_as_were_counted_elsewhere(
-    name: str, singles: int, pairs: int, kind: FaultKind
-) -> None:
+def test_as_many_as_were_counted_elsewhere(name, singles, pairs, kind):
     craft = rans.load_spacecraft(name)
     for count, expected in ((1, singles), (2, pairs)):
         assert sum(one.recoverable for one in fault_sets(craft, count, kind)) == expected
@@ -31,8 +28,8 @@ def test_as_many_as_were_counted_elsewhere(
 @pytest.mark.parametrize("lost", [(), (0,), (0, 1), (2, 3)])
 @pytest.mark.parametrize("kind", ["dead", "stuck-open"])
 def test_the_others_can_stay_as_far_from_shut_and_open_as_the_margin_says_and_no_farther(
-    lost: tuple[int, ...], kind: FaultKind
-) -> None:
+    lost, kind
+):
     craft = replace(
         PLATFORM,
         thrusters=tuple(
@@ -57,7 +54,7 @@ def test_the_others_can_stay_as_far_from_shut_and_open_as_the_margin_says_and_no
     assert found > 0.499 or not stays(found + 1e-5)  # beyond one half the bounds cross
 
 
-def test_a_weak_thruster_is_one_of_less_force_and_a_stuck_one_pushes_by_its_share() -> None:
+def test_a_weak_thruster_is_one_of_less_force_and_a_stuck_one_pushes_by_its_share():
     weak = replace(
         PLATFORM, thrusters=(replace(PLATFORM.thrusters[0], force=0.4), *PLATFORM.thrusters[1:])
     )

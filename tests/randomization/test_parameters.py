@@ -75,7 +75,7 @@ UNIFORM: dict[str, tuple[float, float, Callable[[EpisodeParameters], Any]]] = {
 
 
 @pytest.mark.parametrize("name", UNIFORM)
-def test_ranges_are_uniform_within_their_bounds(name: str) -> None:
+def test_ranges_are_uniform_within_their_bounds(name):
     low, high, value = UNIFORM[name]
     *rooms, entry = name.split(".")
     table: dict[str, Any] = {entry: [low, high]}
@@ -86,7 +86,7 @@ def test_ranges_are_uniform_within_their_bounds(name: str) -> None:
     assert_uniform(value(parameters(structure(table, Conditions, name))), low, high)
 
 
-def test_a_force_points_to_all_sides_and_a_torque_to_both() -> None:
+def test_a_force_points_to_all_sides_and_a_torque_to_both():
     push = parameters(Conditions(disturbances=DisturbanceConditions(force=0.3, torque=0.1))).push
     assert_uniform(np.arctan2(push.force.y, push.force.x), -math.pi, math.pi)
     left = int(np.sum(push.torque > 0.0))
@@ -94,14 +94,14 @@ def test_a_force_points_to_all_sides_and_a_torque_to_both() -> None:
 
 
 @BOTH
-def test_a_number_is_no_distribution(dimension: int) -> None:
+def test_a_number_is_no_distribution(dimension):
     late = ThrusterConditions(latency=0.05, command_delay=0.1)
     fixed = parameters(Conditions(BodyConditions(mass=1.2), late), dimension)
     assert fixed.body.mass == CRAFTS[dimension].mass * 1.2
     assert fixed.lag.latency == pytest.approx(0.15)
 
 
-def test_thrusts_are_drawn_one_by_one_and_pressure_for_all() -> None:
+def test_thrusts_are_drawn_one_by_one_and_pressure_for_all():
     thrust = np.array(parameters(EFFECTS["thrust"]).body.gain)
     own = np.array(
         parameters(Conditions(thrusters=ThrusterConditions(thrust=(0.7, 1.3)))).body.gain
@@ -113,7 +113,7 @@ def test_thrusts_are_drawn_one_by_one_and_pressure_for_all() -> None:
 
 
 @BOTH
-def test_thrusts_have_new_noise_in_every_period(dimension: int) -> None:
+def test_thrusts_have_new_noise_in_every_period(dimension):
     """Normal about the designed force, and independent between thrusters, periods and episodes."""
     noisy = Conditions(thrusters=ThrusterConditions(noise=0.1))
     world, own, now = begun(noisy, dimension)
@@ -130,7 +130,7 @@ def test_thrusts_have_new_noise_in_every_period(dimension: int) -> None:
     assert np.abs(np.corrcoef(gains) - np.eye(len(gains))).max() < 6 / math.sqrt(COUNT)
 
 
-def test_a_thrust_never_pulls() -> None:
+def test_a_thrust_never_pulls():
     """With a deviation as large as the force, every sixth number is below zero."""
     world, own, now = begun(Conditions(thrusters=ThrusterConditions(noise=1.0)))
     gain = np.array(world.step_inputs(now, (0.0,) * 8, own).body.gain)
@@ -138,7 +138,7 @@ def test_a_thrust_never_pulls() -> None:
     assert np.mean(gain == 0.0) == pytest.approx(stats.norm.cdf(-1.0), abs=5 / math.sqrt(8 * COUNT))
 
 
-def test_misaligned_thrusters_in_space_point_to_all_sides() -> None:
+def test_misaligned_thrusters_in_space_point_to_all_sides():
     """The angle is that of the conditions, and its bearing about the designed direction is uniform."""
     wrong = Conditions(thrusters=ThrusterConditions(misalignment=0.1))
     mountings = parameters(wrong, 3).body.mountings
@@ -151,7 +151,7 @@ def test_misaligned_thrusters_in_space_point_to_all_sides() -> None:
         assert_uniform(np.arctan2(two, one), -math.pi, math.pi)
 
 
-def test_directions_in_space_are_uniform_on_the_sphere() -> None:
+def test_directions_in_space_are_uniform_on_the_sphere():
     push = parameters(EFFECTS["push"], 3).push
     for vector in (push.force, push.torque):  # Archimedes: every coordinate is
         for x in vector.columns():
@@ -173,7 +173,7 @@ PARTS: dict[str, Callable[[Any], Any]] = {
 
 @BOTH
 @pytest.mark.parametrize("effect", PARTS)
-def test_an_effect_draws_the_same_beside_others(effect: str, dimension: int) -> None:
+def test_an_effect_draws_the_same_beside_others(effect, dimension):
     alone, among = (
         PARTS[effect](parameters(EFFECTS[name], dimension, 50)) for name in (effect, "all")
     )
@@ -182,7 +182,7 @@ def test_an_effect_draws_the_same_beside_others(effect: str, dimension: int) -> 
         assert np.array_equal(a, b)
 
 
-def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
+def test_whatever_is_switched_on_starts_and_goals_stay():
     *_, now = begun(EFFECTS["all"], count=20)
     usual = scenarios(TASK, PLATFORM, 11, 20)
     assert np.array_equal(leaves((now.state, now.goal)), leaves((usual.start, usual.goal)))
@@ -191,13 +191,13 @@ def test_whatever_is_switched_on_starts_and_goals_stay() -> None:
 # What pushes.
 
 
-def test_the_moment_of_a_kick_is_any_period_of_the_episode() -> None:
+def test_the_moment_of_a_kick_is_any_period_of_the_episode():
     found = parameters(Conditions(disturbances=DisturbanceConditions(kick=1.0)))
     seen = np.bincount(found.kick.step.astype(int))
     assert len(seen) == 125
     assert stats.chisquare(seen).pvalue > LIKELY
 
 
-def test_every_effect_has_random_numbers_of_its_own() -> None:
+def test_every_effect_has_random_numbers_of_its_own():
     """256 blocks each, and the first ones for start and goal."""
     assert len({0, *_STREAMS.values()}) == 1 + len(_STREAMS)

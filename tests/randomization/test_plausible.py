@@ -50,7 +50,7 @@ HARDLY_MEANT = {
 
 
 @pytest.mark.parametrize("slip", HARDLY_MEANT)
-def test_a_slip_is_named(slip: str) -> None:
+def test_a_slip_is_named(slip):
     assert len(implausible(HARDLY_MEANT[slip], PLATFORM)) == 1
     mixed = replace(
         Conditions(disturbances=HARDLY_MEANT[slip].disturbances), others=(HARDLY_MEANT[slip],)
@@ -72,14 +72,14 @@ DOORS: dict[str, Callable[[Path], object]] = {
 
 
 @pytest.mark.parametrize("door", DOORS)
-def test_conditions_are_doubted_once_wherever_they_are_taken(door: str, tmp_path: Path) -> None:
+def test_conditions_are_doubted_once_wherever_they_are_taken(door, tmp_path):
     (tmp_path / "mine.toml").write_text("[sensors.position]\nnoise = 5\n")
     with pytest.warns(UserWarning, match="distance in mm") as said, suppress(ConfigError):
         DOORS[door](tmp_path / "mine.toml")
     assert len(said) == 1
 
 
-def test_what_rans_ships_is_meant() -> None:
+def test_what_rans_ships_is_meant():
     """Every condition with every craft, and every size of `rans stress`."""
     for name in SPACECRAFT:
         craft = load_spacecraft(name)

@@ -47,7 +47,7 @@ def errors(world: World, own: Draws, now: Episode) -> list[np.ndarray]:
 
 
 @BOTH
-def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -> None:
+def test_noise_is_normal_and_new_in_every_component_and_period(dimension):
     sizes = (0.02, 0.01, 0.03, 0.04)
     noisy = Conditions(sensors=sensors("noise", sizes))
     world, own, now = begun(noisy, dimension)
@@ -63,7 +63,7 @@ def test_noise_is_normal_and_new_in_every_component_and_period(dimension: int) -
     assert both.max() < 5 / math.sqrt(COUNT)
 
 
-def test_attitudes_err_about_the_axes_of_the_body() -> None:
+def test_attitudes_err_about_the_axes_of_the_body():
     """R_told = R_true exp(error): a bias as it was drawn, and noise as that of a craft that is upright."""
 
     def rotations(attitude: Any) -> Rotation:
@@ -87,7 +87,7 @@ def test_attitudes_err_about_the_axes_of_the_body() -> None:
 
 
 @BOTH
-def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
+def test_a_bias_is_the_same_in_every_period(dimension):
     sizes = (0.1, 0.02, 0.2, 0.3)
     world, own, now = begun(Conditions(sensors=sensors("bias", sizes)), dimension, 20)
     first = errors(world, own, now)
@@ -101,7 +101,7 @@ def test_a_bias_is_the_same_in_every_period(dimension: int) -> None:
 
 
 @BOTH
-def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
+def test_all_readings_stand_while_sensors_have_stopped(dimension):
     """For 1.25 s in every 5 s, from another moment on in every episode; in between they are of this period."""
     noise = sensors("noise", (0.02, 0.01, 0.03, 0.04))
     stopping = replace(noise, outage=1.25)
@@ -126,7 +126,7 @@ def test_all_readings_stand_while_sensors_have_stopped(dimension: int) -> None:
 
 
 @BOTH
-def test_late_readings_are_states_of_so_many_periods_ago(dimension: int) -> None:
+def test_late_readings_are_states_of_so_many_periods_ago(dimension):
     world, own, now = begun(Conditions(sensors=SensorsConditions(delay=(0.0, 3.0))), dimension, 40)
     delay = np.asarray(now.parameters.sensors.delay)  # type: ignore[union-attr]
     assert sorted(set(delay)) == [0.0, 1.0, 2.0, 3.0]
@@ -139,7 +139,7 @@ def test_late_readings_are_states_of_so_many_periods_ago(dimension: int) -> None
         track.append(np.array(leaves(now.state)))
 
 
-def test_where_a_reading_drops_out_the_last_one_stands() -> None:
+def test_where_a_reading_drops_out_the_last_one_stands():
     lost = Conditions(
         sensors=SensorsConditions(
             position=SensorConditions(noise=0.01, dropout=0.3),

@@ -73,7 +73,7 @@ NONE = (0.0,) * 6
         (Lag(0.0, 0.0), ALONG, [NONE], 0.1),
     ],
 )
-def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known: bool) -> None:
+def test_impulses_by_hand(lag, told, earlier, speed, known):
     if known:
         lag = replace(lag, latest=lag.latency, slowest=lag.rise or 0.0)
     rest = planar()
@@ -81,7 +81,7 @@ def test_impulses_by_hand(lag: Lag, told: Any, earlier: Any, speed: float, known
     assert (found.v.x, found.v.y) == pytest.approx((speed, 0.0), abs=1e-15)
 
 
-def test_a_pulse_as_long_as_the_period_does_not_end_with_it() -> None:
+def test_a_pulse_as_long_as_the_period_does_not_end_with_it():
     """Two valves open all the time stay open, however slowly valves move."""
     craft = replace(ROD, actuators=Pulsed(100))
     rest = planar()

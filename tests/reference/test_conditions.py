@@ -35,7 +35,7 @@ every_effect = pytest.mark.parametrize("effect", EFFECTS)
 
 
 @every_effect
-def test_every_effect_is_the_same_in_drake(effect: str) -> None:
+def test_every_effect_is_the_same_in_drake(effect):
     """Closed loop: one observation that differs would lead to other commands.
 
     All together for 10 s; alone each flies for 25 s in `rans validate`.
@@ -48,7 +48,7 @@ IN_SPACE = ("latency", "swing", "mountings", "all")
 
 
 @pytest.mark.parametrize("effect", IN_SPACE)
-def test_and_in_space(effect: str) -> None:
+def test_and_in_space(effect):
     """Where every period, and every piece of it, takes substeps."""
     fly_alike(SPACE, EFFECTS[effect], steps=10)
 
@@ -64,7 +64,7 @@ def test_and_in_space(effect: str) -> None:
     ],
     ids=str,
 )
-def test_slow_valves_and_faults_of_every_kind(kind: Any, effect: str) -> None:
+def test_slow_valves_and_faults_of_every_kind(kind, effect):
     fly_alike(replace(PLANE, actuators=kind), without_least_times(EFFECTS[effect]), steps=8)
 
 
@@ -85,13 +85,13 @@ def without_least_times(conditions: Conditions) -> Conditions:
     ],
     ids=str,
 )
-def test_at_once_exactly_one_period_and_longer_than_one(thrusters: Any, sharing: Any) -> None:
+def test_at_once_exactly_one_period_and_longer_than_one(thrusters, sharing):
     """Where kinks meet, or fall on the beginning of a period; the last has ramps that overlap."""
     fly_alike(replace(PLANE, thrust_sharing=sharing), Conditions(thrusters=thrusters), steps=20)
 
 
 @pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
-def test_nozzles_of_two_supplies(craft: Spacecraft) -> None:
+def test_nozzles_of_two_supplies(craft):
     fed = tuple(replace(one, supply=i % 2) for i, one in enumerate(craft.thrusters))
     drooping = Conditions(thrusters=ThrusterConditions(droop=(0.3, 0.6), rise=(0.0, 0.1)))
     fly_alike(replace(craft, thrusters=fed), drooping, steps=15)
@@ -136,7 +136,7 @@ def once(dimension: int) -> tuple[Flight, Random]:
     ("dimension", "name"),
     [(2, "numpy"), (2, "float32"), (2, "fast"), (3, "drake")],
 )
-def test_a_scenario_is_the_same_wherever_it_flies(dimension: int, name: str) -> None:
+def test_a_scenario_is_the_same_wherever_it_flies(dimension, name):
     """All effects at once for eight periods: states, observations and rewards."""
     craft = CRAFTS[dimension]
     conditions = EFFECTS["all"]
@@ -192,7 +192,7 @@ def in_environment(
     )
 
 
-def test_every_episode_of_drakes_environment_has_its_own_body() -> None:
+def test_every_episode_of_drakes_environment_has_its_own_body():
     """The third episode's factors on the mass are its own: the same push of one nozzle shows them."""
     gained = []
     for name in ("rans/GoToPose2D-Drake-v0", "rans/GoToPose2D-v0"):

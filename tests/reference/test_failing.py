@@ -169,7 +169,7 @@ CASES: list[Any] = [
         for engine in ((fly, in_torch)[number % 2], *([fly_in_drake] if number % 3 == 0 else []))
     ],
 )
-def test_momentum_by_hand(engine: Any, number: int) -> None:
+def test_momentum_by_hand(engine, number):
     """By turns in the plane and in space: when a thruster fails does not depend on that."""
     dimension = 2 + number % 2
     kind, valves, failure, given, impulse = CASES[number]

@@ -11,7 +11,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
-from rans import Spacecraft, Timing
+from rans import Timing
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -33,7 +33,7 @@ by_name = pytest.mark.parametrize("craft", CRAFTS, ids=lambda craft: craft.name)
 
 
 @by_name
-def test_replay_repeats_a_flight_and_takes_relaxed_thrust(craft: Spacecraft) -> None:
+def test_replay_repeats_a_flight_and_takes_relaxed_thrust(craft):
     timing = Timing(episode_steps=10)
     starts = scenarios(TASK, craft, 9, 4)
     flight = fly_in_drake(craft, TASK, Restless(craft, 3), starts, timing)
@@ -47,14 +47,14 @@ def test_replay_repeats_a_flight_and_takes_relaxed_thrust(craft: Spacecraft) -> 
     )
 
 
-def test_replay_does_not_wrap_the_heading() -> None:
+def test_replay_does_not_wrap_the_heading():
     craft = nasty_planar()
     start = map_leaves(lambda x: float(x[0]), replace(random_states(2, 1, 0), w=np.array([3.0])))
     track = replay(craft, start, np.zeros((50, 5)), Timing())
     assert track.attitude.angle[-1] == pytest.approx(start.attitude.angle + 30.0, abs=1e-11)
 
 
-def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps() -> None:
+def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps():
     """Its steps of half a second are as good as a fifth of them: both are far below a micrometre."""
 
     @dataclass(frozen=True)
@@ -93,7 +93,7 @@ def drake(name: str, **kwargs: Any) -> gymnasium.Env[Any, Any]:
 
 
 @pytest.mark.parametrize("name", NASTY)
-def test_gymnasium_and_sb3_find_nothing_wrong(name: str) -> None:
+def test_gymnasium_and_sb3_find_nothing_wrong(name):
     check_env(drake(name), skip_render_check=True)
     check_env_for_sb3(drake(name))
 
@@ -101,7 +101,7 @@ def test_gymnasium_and_sb3_find_nothing_wrong(name: str) -> None:
 @pytest.mark.parametrize(
     ("name", "nasty"), [*((name, True) for name in [*NASTY][1::2]), (SHIPPED[1], False)]
 )
-def test_same_rewards_and_ends_as_the_fast_environment(name: str, nasty: bool) -> None:
+def test_same_rewards_and_ends_as_the_fast_environment(name, nasty):
     """Two episodes of a seed under the same random commands, at a step size that plays no part."""
     craft: dict[str, Any] = {"spacecraft": NASTY[name]} if nasty else {}
     timing = Timing(substeps=32, episode_steps=8)

@@ -32,14 +32,12 @@ def listed(actuators: object, *duties: float) -> list[tuple[float, list[float]]]
         (4, [(0.0, [0.0, 0.0, 0.0, 1.0])]),
     ],
 )
-def test_no_pulse_is_shorter_than_the_least(
-    least: int, expected: list[tuple[float, list[float]]]
-) -> None:
+def test_no_pulse_is_shorter_than_the_least(least, expected):
     found = listed(Pulsed(10, least), 0.2, 0.25, 0.34, 1.0)
     assert [opened for _, opened in found] == [opened for _, opened in expected]
     assert [begin for begin, _ in found] == pytest.approx([begin for begin, _ in expected])
 
 
 @pytest.mark.parametrize("kind", [ON_OFF, Throttle()], ids=str)
-def test_other_valves_stay_as_they_are_told(kind: object) -> None:
+def test_other_valves_stay_as_they_are_told(kind):
     assert listed(kind, 0.0, 1.0) == [(0.0, [0.0, 1.0])]

@@ -44,7 +44,7 @@ def lopsided(dimension: int) -> Spacecraft:
     )
 
 
-def test_wrenches_by_hand() -> None:
+def test_wrenches_by_hand():
     wrenches = Plant(lopsided(2)).thruster_wrenches()
     # 3 N along y, 0.4 m ahead of the centre of mass; 4 N along x, 0.2 m to its left.
     assert wrenches[0] == pytest.approx([0.0, 3.0, 1.2], abs=1e-15)
@@ -54,7 +54,7 @@ def test_wrenches_by_hand() -> None:
     assert up == pytest.approx([0.0, 0.0, 1.0, 0.3, 0.0, 0.0], abs=1e-15)
 
 
-def test_planar_acceleration_by_hand() -> None:
+def test_planar_acceleration_by_hand():
     """Heading 90 degrees: 3 N along B's y pushes along -x of W; 1.2 N m turn 0.5 kg m^2."""
     state = np.array([[5.0, -3.0, math.pi / 2, 0.7, 0.2, 0.9]])
     command = np.eye(6)[[0]]
@@ -64,7 +64,7 @@ def test_planar_acceleration_by_hand() -> None:
     )  # a rounded pi / 2 turns 3 N by 2e-16
 
 
-def test_spatial_acceleration_by_hand() -> None:
+def test_spatial_acceleration_by_hand():
     """Shut: Euler's equations alone. I w' = -w x I w with I = (0.5, 0.4, 0.5), w = (1, 2, 3):
     I w = (0.5, 0.8, 1.5), w x I w = (2*1.5-3*0.8, 3*0.5-1*1.5, 1*0.8-2*0.5) = (0.6, 0, -0.2)."""
     turned = [math.cos(0.3), math.sin(0.3) * 0.6, 0.0, math.sin(0.3) * 0.8]
@@ -74,7 +74,7 @@ def test_spatial_acceleration_by_hand() -> None:
     assert found == pytest.approx([0.0, 0.0, 0.0, -1.2, 0.0, 0.4], abs=1e-14)
 
 
-def test_shipped_spacecraft_agree_layer_by_layer(shipped: Spacecraft) -> None:
+def test_shipped_spacecraft_agree_layer_by_layer(shipped):
     shipped = replace(shipped, actuators=ON_OFF)  # layers below pulses, which test_worlds compares
     assert_none_failed([*exact_layers(shipped, 4), *period_checks(shipped, 4, 32)])
 

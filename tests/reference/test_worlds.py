@@ -174,7 +174,7 @@ def gap(a: Any, b: Any) -> float:
         )
     ],
 )
-def test_all_libraries_and_drake_fly_alike(world: Any) -> None:
+def test_all_libraries_and_drake_fly_alike(world):
     built = globals()["world"](world[0], world[1], ACTUATORS[world[2]])
     # Drake takes a step for every edge of a pulse, and space is slower than the plane.
     steps = STEPS if world[0] == 2 else STEPS // 5

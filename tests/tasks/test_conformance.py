@@ -12,7 +12,7 @@ import pytest
 from rans_missions.tasks import Avoid, Dock, DockPort
 from rans_missions.tasks.orbital import TargetOrbit
 
-from rans import ConfigError, Spacecraft
+from rans import ConfigError
 from rans.display import meanings
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Random
@@ -64,7 +64,7 @@ def at(index: int, tree: Any) -> Any:
     return map_leaves(lambda x: float(x[index]), tree)
 
 
-def test_registration(task: Any) -> None:
+def test_registration(task):
     name = next(n for n, kind in TASKS.items() if kind is type(task))
     ids = gymnasium_ids(name)
     assert tuple(ids) == dimensions(task)
@@ -75,7 +75,7 @@ def test_registration(task: Any) -> None:
         setattr(task, dataclasses.fields(task)[0].name, None)
 
 
-def test_flags_tell_tasks_apart() -> None:
+def test_flags_tell_tasks_apart():
     flags = [kind.flag for kind in TASKS.values() if "flag" in vars(kind)]
     assert len(set(flags)) == len(flags)
 
@@ -91,9 +91,7 @@ def in_torch(task: Any, states: Any, goals: Any, commands: Any, kind: type) -> d
     return everything(task, map_leaves(lift, states), map_leaves(lift, goals), *both)
 
 
-def test_one_by_one_in_batches_and_in_torch(
-    task: Any, states: Any, goals: Any, commands: Any
-) -> None:
+def test_one_by_one_in_batches_and_in_torch(task, states, goals, commands):
     """Numbers are the same but for rounding; single precision stays single."""
     torch = pytest.importorskip("torch")
     batch = everything(task, states, goals, *commands)
@@ -116,7 +114,7 @@ def test_one_by_one_in_batches_and_in_torch(
             np.testing.assert_allclose(batch[name][index], x, rtol=1e-13, atol=1e-14, err_msg=name)
 
 
-def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
+def test_casadi_traces_the_residual(task, states, goals):
     """Value equal to NumPy's, Jacobian equal to central differences, and finite at the goal.
 
     There a norm or an angle would give NaN, and there the optimal controller ends.
@@ -141,7 +139,7 @@ def test_casadi_traces_the_residual(task: Any, states: Any, goals: Any) -> None:
         np.testing.assert_allclose(column, difference, rtol=0, atol=1e-8)
 
 
-def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: Any) -> None:
+def test_casadi_traces_the_reward(task, states, goals, commands):
     casadi = pytest.importorskip("casadi")
     state = at(5, states)
     goal = at(5, goals)
@@ -159,9 +157,7 @@ def test_casadi_traces_the_reward(task: Any, states: Any, goals: Any, commands: 
     )
 
 
-def test_observation_table_names_every_column(
-    task: Any, craft: Spacecraft, states: Any, goals: Any
-) -> None:
+def test_observation_table_names_every_column(task, craft, states, goals):
     dimension = craft.dimension
     columns = observation_columns(task, dimension)
     values = observation(task, states, goals)
@@ -178,7 +174,7 @@ def test_observation_table_names_every_column(
             assert (value == task.flag_of(goals)).all()
 
 
-def test_at_the_goal_nothing_is_left(task: Any, craft: Spacecraft, goals: Any) -> None:
+def test_at_the_goal_nothing_is_left(task, craft, goals):
     for part in task.parts().values():
         np.testing.assert_allclose(np.stack(residual(part, goals, goals)), 0.0, rtol=0, atol=1e-14)
     for name, error in task.errors(goals, goals).items():
@@ -187,7 +183,7 @@ def test_at_the_goal_nothing_is_left(task: Any, craft: Spacecraft, goals: Any) -
     assert task.reached(goals, goals).all()
 
 
-def test_errors_have_units_and_tolerances(task: Any, states: Any, goals: Any) -> None:
+def test_errors_have_units_and_tolerances(task, states, goals):
     errors = task.errors(states, goals)
     assert errors.keys() <= QUANTITIES.keys()
     assert all((e >= 0).all() for e in errors.values())
@@ -198,7 +194,7 @@ def test_errors_have_units_and_tolerances(task: Any, states: Any, goals: Any) ->
         assert all(t > 0 for t in tolerances.values())
 
 
-def test_reached_means_every_error_within_its_tolerance(task: Any, states: Any, goals: Any) -> None:
+def test_reached_means_every_error_within_its_tolerance(task, states, goals):
     inside = task.reached(states, goals)
     for index in range(COUNT):
         goal = at(index, goals)
@@ -212,14 +208,14 @@ def drawn(task: Any, goal: Any) -> Any:
     return next(part for part in task.parts().values() if part.flag_of(goal) == task.flag_of(goal))
 
 
-def test_reward_is_best_at_the_goal(task: Any, states: Any, goals: Any, commands: Any) -> None:
+def test_reward_is_best_at_the_goal(task, states, goals, commands):
     idle = tuple(0.0 * c for c in commands[0])
     there = np.sum(list(task.reward(arrival(goals, goals, idle, idle)).values()), axis=0)
     elsewhere = np.sum(list(task.reward(arrival(states, goals, *commands)).values()), axis=0)
     assert (there > elsewhere).all()
 
 
-def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> None:
+def test_spawns_lie_inside_the_stated_range(task, craft):
     every = scenarios(task, craft, seed=6, count=2000 * len(task.parts()))
     assert not task.failed(every.start, every.goal).any()
     every_part: dict[str, Any] = task.parts()
@@ -244,7 +240,7 @@ def test_spawns_lie_inside_the_stated_range(task: Any, craft: Spacecraft) -> Non
         assert low == 0 or not part.reached(start, goal).any()
 
 
-def test_every_note_of_a_goal_has_a_name_and_a_meaning() -> None:
+def test_every_note_of_a_goal_has_a_name_and_a_meaning():
     """Sampled goals have the notes that their task declares, by name, and no number can be read by its rank."""
     ellipse = Dock(orbit=TargetOrbit(eccentricity=0.1, semi_major_axis_km=8000.0))
     tasks = (*(load_task(name) for name in filter(TASKS.comes_with_rans, TASKS)), ellipse)
@@ -258,7 +254,7 @@ def test_every_note_of_a_goal_has_a_name_and_a_meaning() -> None:
                 goal.notes[0]  # pyrefly: ignore[bad-index]
 
 
-def test_notes_of_another_class_than_declared_are_refused() -> None:
+def test_notes_of_another_class_than_declared_are_refused():
     class Nameless(GoToPose):
         def sample(self, random: Random) -> Any:
             start, goal = super().sample(random)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -17,7 +15,7 @@ from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.random import Random
-from rans.tasks import TASKS, Task
+from rans.tasks import TASKS
 from rans.tasks.derived import check_dimension, dimensions
 from rans.tasks.observation_terms import Scalar
 
@@ -79,7 +77,7 @@ HEIGHT = "works in space, but not in the plane: AttributeError: 'Vec2' object ha
 
 
 @pytest.mark.parametrize("kind", [Flat, Seen, Turned, Tilted, Fixed])
-def test_every_function_of_a_task_is_tried(kind: type[Task]) -> None:
+def test_every_function_of_a_task_is_tried(kind):
     task = kind()
     assert dimensions(task) == (2,)
     check_dimension(task, 2)
@@ -97,13 +95,13 @@ def test_every_function_of_a_task_is_tried(kind: type[Task]) -> None:
     ],
     ids=["make_vec", "optimal"],
 )
-def test_whoever_flies_a_task_of_the_plane_in_space_is_told(use: Callable[[], object]) -> None:
+def test_whoever_flies_a_task_of_the_plane_in_space_is_told(use):
     with pytest.raises(ConfigError, match=ANGLE) as told:
         use()
     assert isinstance(told.value.__cause__, AttributeError)
 
 
-def test_the_reverse_and_nothing_is_written(tmp_path: Path) -> None:
+def test_the_reverse_and_nothing_is_written(tmp_path):
     with pytest.raises(ConfigError, match=HEIGHT):
         rans.evaluate(f"lqr:{DEEP}-2d", episodes=2)
     with pytest.raises(ConfigError, match=HEIGHT):
@@ -115,9 +113,7 @@ def test_the_reverse_and_nothing_is_written(tmp_path: Path) -> None:
     "name",
     [name for name in filter(TASKS.comes_with_rans, TASKS) if TASKS[name].dimensions != (2, 3)],
 )
-def test_a_task_of_one_dimension_is_listed_in_it_alone(
-    name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_task_of_one_dimension_is_listed_in_it_alone(name, capsys):
     task = TASKS[name]
     assert dimensions(task()) == task.dimensions
     assert main(["list", name]) == 0

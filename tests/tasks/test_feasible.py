@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -40,7 +39,7 @@ def warned(craft: Spacecraft, task: Any, timing: Timing | None = None) -> list[s
     return [str(one.message) for one in found]
 
 
-def test_an_attitude_that_cannot_be_had() -> None:
+def test_an_attitude_that_cannot_be_had():
     (text,) = warned(radial(), GoToPose())
     assert "cannot turn" in text
     assert not warned(radial(), GoToPosition())  # which asks for none
@@ -48,7 +47,7 @@ def test_an_attitude_that_cannot_be_had() -> None:
 
 
 @pytest.mark.parametrize("centre", [(0.0, 0.0), (0.7, -0.3), (12.0, 5.0)])
-def test_forces_through_the_centre_have_no_torque(centre: tuple[float, float]) -> None:
+def test_forces_through_the_centre_have_no_torque(centre):
     """Rounding left 1e-17 N m, of which a certificate said that they are no multiples of one number."""
     craft = radial(centre)
     assert [row[2] for row in craft.wrench_map] == [0.0] * 8
@@ -64,7 +63,7 @@ def test_forces_through_the_centre_have_no_torque(centre: tuple[float, float]) -
     assert torques == pytest.approx([-1e-6 * one.force for one in moved], rel=1e-6)
 
 
-def test_times_by_hand() -> None:
+def test_times_by_hand():
     """1 m and half a turn from rest to rest: half of each way speeding up, half braking."""
     nozzle = PLATFORM.thrusters[0]
     pair = (
@@ -94,7 +93,7 @@ SLOW: dict[str, Any] = {
 
 
 @pytest.mark.parametrize("slip", SLOW)
-def test_units_mistaken_on_the_slow_side(slip: str) -> None:
+def test_units_mistaken_on_the_slow_side(slip):
     assert any(
         "needs at least" in text for text in warned(replace(PLATFORM, **SLOW[slip]), GoToPose())
     )
@@ -104,8 +103,8 @@ def test_units_mistaken_on_the_slow_side(slip: str) -> None:
 
 
 def test_an_engine_of_a_slow_file_warns_and_a_training_of_what_cannot_turn_is_refused(
-    tmp_path: Path,
-) -> None:
+    tmp_path,
+):
     text = SPACECRAFT["floating-platform"].text.replace("mass = 5.32", "mass = 5320")
     (tmp_path / "grams.toml").write_text(text)
     with (
@@ -117,7 +116,7 @@ def test_an_engine_of_a_slow_file_warns_and_a_training_of_what_cannot_turn_is_re
         tiny_trainer(tmp_path / "run", replace(CONFIG, spacecraft="afrl-deputy"))
 
 
-def test_a_radius_that_no_file_has_is_not_suspected() -> None:
+def test_a_radius_that_no_file_has_is_not_suspected():
     """Thrusters 0.7 m from the centre, and a ball of 2 kg m^2 and 100 kg: r = sqrt(2.5 * 2 / 100)."""
     sides = ((1, 0), (-1, 0), (0, 1), (0, -1))
     far = [((0.7 * x, 0.7 * y), (-y * turn, x * turn), 1.0) for x, y in sides for turn in (1, -1)]
@@ -128,6 +127,6 @@ def test_a_radius_that_no_file_has_is_not_suspected() -> None:
     assert Spacecraft.planar("ball", 100.0, 2.0, near).radius == pytest.approx(0.2236, rel=1e-3)
 
 
-def test_shipped_craft_are_not_suspected() -> None:
+def test_shipped_craft_are_not_suspected():
     for name in SPACECRAFT:
         assert not misfits(SPACECRAFT[name].craft), name

@@ -21,7 +21,7 @@ QUARTER_TURN = SpatialState(ORIGIN, Quat(HALF, 0.0, 0.0, HALF), ORIGIN, Vec3(0.0
 UPRIGHT = SpatialState(ORIGIN, Quat(1.0, 0.0, 0.0, 0.0), ORIGIN, ORIGIN)
 
 
-def test_a_quarter_turn_by_hand() -> None:
+def test_a_quarter_turn_by_hand():
     task = GoToAttitude(torque_weight=0.1)
     shut = (0.0, 0.0, 0.0)
     angle = math.pi / 2
@@ -45,7 +45,7 @@ def test_a_quarter_turn_by_hand() -> None:
     assert (reward["torque"], reward["thrust"]) == pytest.approx((-0.1, -0.02))
 
 
-def test_torques_of_a_stress_test_are_those_of_the_strongest_wheel() -> None:
+def test_torques_of_a_stress_test_are_those_of_the_strongest_wheel():
     """A tenth to 0.7 of 0.6 mN m; nothing gives a force that could be a measure of forces."""
     effects = applicable_effects(INNOCUBE, GoToAttitude.timing)
     sizes = {effect.name: effect.sizes for effect in effects}

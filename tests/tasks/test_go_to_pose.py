@@ -30,7 +30,7 @@ SPATIAL_GOAL = spatial(attitude=(HALF, HALF, 0.0, 0.0))
 """A quarter turn about x instead: body y is world z."""
 
 
-def test_errors() -> None:
+def test_errors():
     assert GoToPose().errors(PLANAR, PLANAR_GOAL) == pytest.approx(
         {"position": 0.5, "attitude": math.pi / 6}
     )
@@ -40,7 +40,7 @@ def test_errors() -> None:
     )
 
 
-def test_reward() -> None:
+def test_reward():
     """exp(-0.5 / 0.25) = 0.1353353; exp(-(pi / 6) / 0.25) = 0.1231447; three open thrusters of 0.02.
 
     The wide copies: exp(-0.5 / 1.5) / 2 = 0.3582657; exp(-pi / 6) / 2 = 0.2961925.
@@ -69,7 +69,7 @@ def paid(task: GoToPose, state: Any, command: tuple[float, ...] = (0.0,)) -> dic
     return task.reward(Transition(state, planar(), command, (0.0,) * len(command)))
 
 
-def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
+def test_only_those_who_have_arrived_in_all_four_get_that_reward():
     """Half of it in the middle of a side of the set, 1 / (1 + 4) in its corner, next to none at twice."""
     task = GoToPose(
         arrived=RestReward(weight=6.0, spin=0.3, sharpness=3),
@@ -111,14 +111,14 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward() -> None:
     assert "arrived" not in paid(GoToPose(), PLANAR)
 
 
-def test_thrust_costs_those_who_have_arrived() -> None:
+def test_thrust_costs_those_who_have_arrived():
     """Two of three open at 0.5 each: 1 of 6 in the set, half on the middle of a side, next to none beyond."""
     task = GoToPose(arrived=RestReward(weight=6.0, thrust_weight=0.5), position_tolerance=0.04)
     for x, expected in ((0.0, 5.0), (0.04, 2.5), (0.4, 5.0 / 10_001.0)):
         assert paid(task, planar(x), (1.0, 0.0, 1.0))["arrived"] == pytest.approx(expected)
 
 
-def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
+def test_stillness_is_worth_something_to_those_who_have_arrived():
     """ln 2 scales of 3 mm/s: half of 8 beside the 6; the speed is a 24th of what counts as rest."""
     task = GoToPose(arrived=RestReward(weight=6.0, still_weight=8.0, sharpness=3))
     for v, expected in ((0.0, 14.0), (0.003 * math.log(2.0), 10.0), (0.1, 6.0 / 257.0)):
@@ -136,9 +136,7 @@ def test_stillness_is_worth_something_to_those_who_have_arrived() -> None:
         (8.0, 3.0, 0.0),
     ],
 )
-def test_who_is_nearly_there_pays_for_not_being_there(
-    x: float, angle: float, expected: float
-) -> None:
+def test_who_is_nearly_there_pays_for_not_being_there(x, angle, expected):
     """Half of 8 at 1 and at 2 tolerances, all of it between; x^(2^6) is 1e-10 of it at the root of two."""
     task = GoToPose(
         arrived=RestReward(boundary_weight=8.0, sharpness=6),
@@ -158,7 +156,7 @@ def test_who_is_nearly_there_pays_for_not_being_there(
     assert "boundary" not in paid(GoToPose(), state)
 
 
-def test_edges_however_sharp_are_finite_in_single_precision() -> None:
+def test_edges_however_sharp_are_finite_in_single_precision():
     """160 tolerances away, to the power of 64, which single precision has no number for."""
     task = GoToPose(arrived=RestReward(boundary_weight=1.0, weight=1.0, sharpness=6))
     still = Vec2(np.zeros(1, np.float32), np.zeros(1, np.float32))
@@ -169,7 +167,7 @@ def test_edges_however_sharp_are_finite_in_single_precision() -> None:
     assert float(terms["arrived"][0]) < 1e-30
 
 
-def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
+def test_a_wrong_attitude_costs_at_the_goals_place_only():
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_scale=0.1)
 
@@ -213,12 +211,12 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only() -> None:
         ),  # 3.92 rad/s
     ],
 )
-def test_fails_beyond_8_m_and_in_space_beyond_4_rad_per_s(state: Any, expected: bool) -> None:
+def test_fails_beyond_8_m_and_in_space_beyond_4_rad_per_s(state, expected):
     goal = PLANAR_GOAL if isinstance(state, PlanarState) else SPATIAL_GOAL
     assert bool(GoToPose().failed(state, goal)) is expected
 
 
-def test_a_full_turn_away_is_no_turn() -> None:
+def test_a_full_turn_away_is_no_turn():
     turned = PlanarState(PLANAR.p, Heading(PLANAR.attitude.angle + 6 * math.pi), PLANAR.v, PLANAR.w)
     flipped = SpatialState(SPATIAL.p, Quat(-HALF, 0.0, 0.0, -HALF), SPATIAL.v, SPATIAL.w)
     for a, b, goal in ((PLANAR, turned, PLANAR_GOAL), (SPATIAL, flipped, SPATIAL_GOAL)):

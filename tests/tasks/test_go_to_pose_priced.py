@@ -24,7 +24,7 @@ TASK = GoToPosePriced(thrust_weight=0.1, spin_weight=0.2, misaligned_weight=1.0,
 @pytest.mark.parametrize(
     ("trade_off", "thrust"), [(0.0, 0.05), (0.25, 0.1), (0.5, 0.2), (0.75, 0.4), (1.0, 0.8)]
 )
-def test_the_price_doubles_by_quarters(trade_off: float, thrust: float) -> None:
+def test_the_price_doubles_by_quarters(trade_off, thrust):
     """From 0.5 to 8 are four doublings; weights of 0.1, 0.2 and 1 keep their proportions."""
     plain = TASK.parts()[f"{trade_off:g}"].plain()
     assert type(plain) is GoToPose
@@ -35,7 +35,7 @@ def test_the_price_doubles_by_quarters(trade_off: float, thrust: float) -> None:
 
 
 @pytest.mark.parametrize("spacecraft", ["floating-platform", "free-flyer"])
-def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
+def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft):
     craft = load_spacecraft(spacecraft)
     priced, plain = (scenarios(task, craft, seed=3, count=200) for task in (TASK, GoToPose()))
     *same, trade_off = leaves(priced.goal)
@@ -68,7 +68,7 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft: str) -> None:
     assert not residual(TASK, states, priced.goal)[-1].any()  # nothing that a controller could mend
 
 
-def test_a_trade_off_that_is_held_has_one_price() -> None:
+def test_a_trade_off_that_is_held_has_one_price():
     held = TASK.parts()["0.3"]
     assert list(held.parts()) == [""]
     assert held.for_evaluation() == replace(held, spawn_distance=(3.0, 4.0))
@@ -78,7 +78,7 @@ def test_a_trade_off_that_is_held_has_one_price() -> None:
     assert len(TASK.parts()) == 5
 
 
-def test_a_trade_off_is_drawn_or_held_or_not_there() -> None:
+def test_a_trade_off_is_drawn_or_held_or_not_there():
     open_, held, plain = TASK, TASK.with_trade_off(0.0), GoToPose(thrust_weight=0.2)
     assert [task.draws_trade_off for task in (open_, held, plain)] == [True, False, False]
     assert [task.held_trade_off for task in (open_, held, plain)] == [None, 0.0, None]
@@ -88,7 +88,7 @@ def test_a_trade_off_is_drawn_or_held_or_not_there() -> None:
             task.with_trade_off(trade_off)
 
 
-def test_a_compiler_can_follow_the_price() -> None:
+def test_a_compiler_can_follow_the_price():
     """Engines compile it; half, twice and eight times at the ends and in the middle of 0.5 to 8."""
     price = torch.compile(
         GoToPosePriced(price=(0.5, 8.0)).price_at, backend="eager", fullgraph=True

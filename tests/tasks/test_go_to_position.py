@@ -14,7 +14,7 @@ from tests.support.states import planar, spatial
 SHUT = (0.0, 0.0)
 
 
-def test_a_slow_spin_is_still_enough() -> None:
+def test_a_slow_spin_is_still_enough():
     """Half of it is paid for a spin of 0.3 less 0.1 rad/s at a scale of 0.2: exp(-1)."""
     task = GoToPosition(stillness_weight=0.5, stillness_scale=0.2, rest_spin=0.1, thrust_weight=0.0)
     paid = {
@@ -26,7 +26,7 @@ def test_a_slow_spin_is_still_enough() -> None:
     )
 
 
-def test_what_it_pays_by_hand() -> None:
+def test_what_it_pays_by_hand():
     """0.5 m away: exp(-0.5 / 0.25), half of exp(-0.5 / 1.5), and a quarter of exp(-0.5 / 0.1)."""
     task = GoToPosition(fine_weight=0.25, fine_scale=0.1)
     terms = task.reward(Transition(planar(0.5), planar(), SHUT, SHUT))
@@ -53,11 +53,11 @@ def test_what_it_pays_by_hand() -> None:
         (spatial(w=(0.0, -4.1, 0.0)), True),
     ],
 )
-def test_when_it_has_failed(state: Any, fails: bool) -> None:
+def test_when_it_has_failed(state, fails):
     goal: Any = planar() if isinstance(state, PlanarState) else spatial()
     assert bool(GoToPosition().failed(state, goal)) is fails
 
 
-def test_reached_is_near_whatever_the_spin() -> None:
+def test_reached_is_near_whatever_the_spin():
     assert GoToPosition().reached(planar(0.049, w=3.0), planar())
     assert not GoToPosition().reached(planar(0.051), planar())

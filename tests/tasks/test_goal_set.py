@@ -21,13 +21,13 @@ from tests.support.evaluation_flights import flight_of
         ((0.0, 0.0), -0.09, False),
     ],
 )
-def test_who_is_at_a_pose_must_rest(speed: tuple[float, float], spin: float, there: bool) -> None:
+def test_who_is_at_a_pose_must_rest(speed, spin, there):
     """5 cm/s and 5 degrees/s = 0.0873 rad/s; (4, 4) cm/s is 5.7 cm/s fast."""
     flight = flight_of([[0.01]] * 2, 0.0, None, speed, spin)
     assert arrived(flight.task, flight.states, flight.goals).tolist() == [[there]] * 2
 
 
-def test_only_what_is_asked_for_must_rest() -> None:
+def test_only_what_is_asked_for_must_rest():
     """At a position spin is free; a velocity to track has no place to rest at."""
     spinning = flight_of([[0.01]] * 2, 90.0, spin=1.0, task=GoToPosition())
     assert arrived(spinning.task, spinning.states, spinning.goals).all()
@@ -35,7 +35,7 @@ def test_only_what_is_asked_for_must_rest() -> None:
     assert arrived(moving.task, moving.states, moving.goals).all()
 
 
-def test_spin_at_rest_is_relative_to_the_goal() -> None:
+def test_spin_at_rest_is_relative_to_the_goal():
     """A goal that spins is met by who spins with it."""
     flight = flight_of([[0.01]] * 2, 0.0, spin=0.5)
     goals = replace(flight.goals, w=flight.goals.w + 0.5)

@@ -37,7 +37,7 @@ def drawn(name: str, *trees: Any, count: int = COUNT) -> list[Any]:
 
 
 @pytest.mark.parametrize("name", FLAGS)
-def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> None:
+def test_the_drawn_task_decides_everything(name, shipped):
     part: Any = TASK.parts()[name]
     state = random_states(shipped.dimension, COUNT, seed=1)
     goal = goals(TASK, shipped, 2, COUNT)
@@ -72,9 +72,7 @@ def test_the_drawn_task_decides_everything(name: str, shipped: Spacecraft) -> No
 @pytest.mark.parametrize(
     "names", [tuple(FLAGS), ("track-twist", "go-to-pose"), ("track-velocity",)]
 )
-def test_every_task_of_the_list_is_drawn_equally_often(
-    names: tuple[str, ...], shipped: Spacecraft
-) -> None:
+def test_every_task_of_the_list_is_drawn_equally_often(names, shipped):
     flags = goals(MultiTask(tasks=names), shipped, 5, 6000).notes.flag
     values, counts = np.unique(flags, return_counts=True)
     assert set(values) == {FLAGS[name] for name in names}
@@ -82,7 +80,7 @@ def test_every_task_of_the_list_is_drawn_equally_often(
     np.testing.assert_allclose(counts, 6000 / len(names), atol=155)
 
 
-def test_the_draw_says_nothing_of_where_an_episode_starts(shipped: Spacecraft) -> None:
+def test_the_draw_says_nothing_of_where_an_episode_starts(shipped):
     """Go to position starts anywhere within its range, whatever number drew it."""
     every = scenarios(MultiTask(), shipped, seed=5, count=20_000)
     start, _ = drawn("go-to-position", every.start, every.goal, count=20_000)
@@ -90,7 +88,7 @@ def test_the_draw_says_nothing_of_where_an_episode_starts(shipped: Spacecraft) -
     assert start.p.norm().mean() == pytest.approx(2.5, abs=0.09)
 
 
-def test_parts_carry_their_settings_and_their_evaluation() -> None:
+def test_parts_carry_their_settings_and_their_evaluation():
     assert list(TASK.parts()) == list(FLAGS)
     assert TASK.parts()["go-to-pose"] is TASK.go_to_pose
     assert TASK.for_evaluation().go_to_pose.spawn_distance == (2.0, 2.5)

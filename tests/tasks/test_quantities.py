@@ -43,7 +43,7 @@ def gap(monkeypatch: pytest.MonkeyPatch) -> Quantity:
     return quantity
 
 
-def test_a_fifth_quantity_is_declared_once(gap: Quantity) -> None:
+def test_a_fifth_quantity_is_declared_once(gap):
     task = Gapped()
     timing = Timing(episode_steps=10)
     flight = fly(PLATFORM, task, rans.LQR(PLATFORM, task), scenarios(task, PLATFORM, 3, 4), timing)
@@ -56,7 +56,7 @@ def test_a_fifth_quantity_is_declared_once(gap: Quantity) -> None:
     assert "gap error" in {pair.name for pair in compare_engines(flight, flight).pairs}
 
 
-def test_a_name_has_one_meaning(gap: Quantity) -> None:
+def test_a_name_has_one_meaning(gap):
     declare(gap)
     with pytest.raises(ConfigError, match="exists already"):
         declare(Quantity("gap", "m", "cm", 100.0))

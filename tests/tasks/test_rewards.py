@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +33,7 @@ WORK = ((1.0, 0.0, 1.0, 0.0, 1.0), (1.0, 1.0, 0.0, 0.0, 0.0))
         if issubclass(kind, SingleTask) and kind is not GoToPosePriced
     ],
 )
-def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
+def test_every_task_charges_for_open_thrusters_only(kind):
     """Unless it is told to charge for more; and no weight may be negative."""
     goal = replace(PLANAR, notes=Zones(()))  # which avoid reads
     charged = kind().reward(Transition(PLANAR, goal, *WORK)).keys() & {"thrust", "spin"}
@@ -47,7 +46,7 @@ def test_every_task_charges_for_open_thrusters_only(kind: Any) -> None:
         kind(spin_weight=-0.1)
 
 
-def test_a_flight_pays_for_every_valve_from_the_first_command_on() -> None:
+def test_a_flight_pays_for_every_valve_from_the_first_command_on():
     """One valve opens, another joins it, both shut; nothing happens in the second episode."""
     commands = np.zeros((4, 2, 8))
     commands[0, 0, 3] = commands[1, 0, 3] = commands[1, 0, 6] = 1.0
@@ -75,7 +74,7 @@ def test_a_flight_pays_for_every_valve_from_the_first_command_on() -> None:
     )
 
 
-def test_nothing_is_nearer_than_a_rest() -> None:
+def test_nothing_is_nearer_than_a_rest():
     """Flat up to 0.5, then the same shape moved out by 0.5: ln 2 further on it has halved."""
     error = np.array([0.0, 0.3, 0.5, 0.5 + np.log(2.0)])
     np.testing.assert_allclose(nearness(error, 1.0, rest=0.5), [1.0, 1.0, 1.0, 0.5], rtol=1e-15)
@@ -85,7 +84,7 @@ def test_nothing_is_nearer_than_a_rest() -> None:
     ("name", "fine"),
     [("go-to-position", {"fine"}), ("go-to-pose", {"fine position", "fine attitude"})],
 )
-def test_an_agent_at_rest_gains_nothing_by_coming_closer(name: str, fine: set[str]) -> None:
+def test_an_agent_at_rest_gains_nothing_by_coming_closer(name, fine):
     """At 7 mm and 0.01 rad within rests of 8 mm and 0.02 rad every term is as at the goal."""
     goal = planar()
     near = planar(y=-7e-3, heading=0.01)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
 
 import pytest
 
@@ -31,7 +30,7 @@ class Choice:
 
 
 @pytest.mark.parametrize("spins", [False, True])
-def test_a_truth_value_may_be_either(spins: bool) -> None:
+def test_a_truth_value_may_be_either(spins):
     check_settings(Choice(spins))
 
 
@@ -48,11 +47,11 @@ def test_a_truth_value_may_be_either(spins: bool) -> None:
         {"fail_distance": math.nextafter(4.5, 5.0)},
     ],
 )
-def test_what_works(change: dict[str, Any]) -> None:
+def test_what_works(change):
     check_settings(replace(Settings(), **change))
 
 
-def test_numbers_by_name() -> None:
+def test_numbers_by_name():
     seen: dict[str, tuple[float, ...]] = {}
 
     def note(name: str, *numbers: float) -> float:
@@ -74,7 +73,7 @@ def test_numbers_by_name() -> None:
     assert one == Settings()
 
 
-def test_numbers_of_tasks_within_a_task() -> None:
+def test_numbers_of_tasks_within_a_task():
     names: list[str] = []
     tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
     same = map_settings(lambda name, number: names.append(name) or number, tasks)
@@ -85,7 +84,7 @@ def test_numbers_of_tasks_within_a_task() -> None:
     ]  # names of tasks are no numbers
 
 
-def test_what_a_map_makes_is_checked_where_that_is_asked() -> None:
+def test_what_a_map_makes_is_checked_where_that_is_asked():
     negative = map_settings(lambda name, number: -number, GoToPose())
     assert negative.fine_scale == -GoToPose().fine_scale
     with pytest.raises(ConfigError, match="not negative"):

@@ -40,9 +40,7 @@ CASES: list[tuple[Shape, tuple[float, ...], float]] = [
 
 
 @pytest.mark.parametrize(("shape", "point", "expected"), CASES)
-def test_margins_by_hand_in_every_library(
-    shape: Any, point: tuple[float, ...], expected: float
-) -> None:
+def test_margins_by_hand_in_every_library(shape, point, expected):
     kind: Any = Vec2 if len(point) == 2 else Vec3
     assert shape.gap(kind(*point)) == pytest.approx(expected, abs=ROUNDING)
     many = shape.gap(kind(*(np.full(3, x) for x in point)))
@@ -56,7 +54,7 @@ def test_margins_by_hand_in_every_library(
     assert isinstance(shape.gap(kind(*(Symbol.input(f"x{k}") for k in range(len(point))))), Symbol)
 
 
-def test_speed_limits_by_hand() -> None:
+def test_speed_limits_by_hand():
     """0.2 m/s at the point and 0.1 / s: 5 m away 0.7 m/s are allowed, and 0.5 m/s flown."""
     limit = SpeedLimit(Vec2(1.0, 1.0), 0.2, 0.1)
     assert limit.gap(Vec2(4.0, 5.0), Vec2(0.3, -0.4)) == pytest.approx(0.2, abs=ROUNDING)
@@ -68,7 +66,7 @@ def test_speed_limits_by_hand() -> None:
     assert (entry.unit, entry.columns()[0]) == ("m/s", pytest.approx(0.2, abs=ROUNDING))
 
 
-def test_balls_move() -> None:
+def test_balls_move():
     ball = Ball(Vec2(1.0, 1.0), Vec2(0.5, -1.0), 2.0).later(4.0)
     assert (ball.centre.x, ball.centre.y, ball.radius) == (3.0, -3.0, 2.0)
     assert ball.later(-4.0).centre == Vec2(1.0, 1.0)
@@ -76,7 +74,7 @@ def test_balls_move() -> None:
     assert cone.later(9.0) is cone
 
 
-def test_what_is_observed_of_a_ball() -> None:
+def test_what_is_observed_of_a_ball():
     """Way to the centre, relative velocity and margin; their targets are themselves, wherever one is."""
     ball = Ball(Vec2(4.0, 5.0), Vec2(0.5, -1.0), 2.0)
     state = planar(1.0, 1.0, v=(1.0, 1.0))
@@ -93,7 +91,7 @@ def test_what_is_observed_of_a_ball() -> None:
     assert [x for entry in entries for x in entry.target()] == found
 
 
-def test_the_nearest_first_keeps_shared_numbers() -> None:
+def test_the_nearest_first_keeps_shared_numbers():
     """A radius that all zones share is a number, and stays one."""
     zones = [Ball(Vec2(np.array([x]), np.array([0.0])), STILL, 0.3) for x in (3.0, 2.0, 1.0)]
     near, *others = nearest_first(zones, Vec2(0.0, 0.0))

@@ -21,7 +21,7 @@ from tests.support.states import in_space
 from tests.support.transitions import COUNT, arrival
 
 
-def test_a_moved_world_changes_nothing(task: Any, states: Any, goals: Any, commands: Any) -> None:
+def test_a_moved_world_changes_nothing(task, states, goals, commands):
     """Errors, reward and failure are the same when start and goal are turned and shifted together.
 
     A drift that is not the same in all directions shows in the reward.
@@ -72,7 +72,7 @@ def moved_zone(zone: Ball) -> Ball:
     return replace(zone, centre=there.p, v=there.v)
 
 
-def test_the_plane_is_a_slice_of_space(task: Any) -> None:
+def test_the_plane_is_a_slice_of_space(task):
     """A planar motion written as a spatial one has the same errors and reward."""
     if dimensions(task) != (2, 3):
         pytest.skip("the task works in one of them")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
@@ -45,7 +44,7 @@ SPATIAL_GOAL = spatial(attitude=(HALF, HALF, 0.0, 0.0), v=(0.2, 0.0, 0.1), w=(0.
         ),
     ],
 )
-def test_errors(task: Any, in_plane: dict[str, float], in_space: dict[str, float]) -> None:
+def test_errors(task, in_plane, in_space):
     assert task.errors(PLANAR, PLANAR_GOAL) == pytest.approx(in_plane)
     assert task.errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(in_space)
 
@@ -76,12 +75,12 @@ def test_errors(task: Any, in_plane: dict[str, float], in_space: dict[str, float
         ),
     ],
 )
-def test_reward(task: Any, expected: dict[str, float]) -> None:
+def test_reward(task, expected):
     terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (1.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
     assert terms == pytest.approx(expected, abs=1e-7)
 
 
-def test_a_twist_is_reached_with_both_velocities() -> None:
+def test_a_twist_is_reached_with_both_velocities():
     task = TrackTwist(velocity_tolerance=0.1, spin_tolerance=0.3)
     for dv, dw, expected in ((0.09, 0.29, True), (0.11, 0.0, False), (0.0, -0.31, False)):
         goal = PlanarState(PLANAR.p, PLANAR.attitude, PLANAR.v + Vec2(0.0, dv), PLANAR.w + dw)
@@ -89,7 +88,7 @@ def test_a_twist_is_reached_with_both_velocities() -> None:
 
 
 @pytest.mark.parametrize("task", [TrackVelocity(), TrackTwist(), TrackVelocityHeading()])
-def test_fails_beyond_6_rad_per_s_wherever_it_is(task: Any) -> None:
+def test_fails_beyond_6_rad_per_s_wherever_it_is(task):
     for spin, expected in ((5.9, False), (-6.1, True)):
         state = planar(1e6, v=(30.0, 0.0), w=spin)
         assert bool(task.failed(state, PLANAR_GOAL)) is expected
@@ -123,7 +122,7 @@ def test_fails_beyond_6_rad_per_s_wherever_it_is(task: Any) -> None:
         ),  # which has none for the spin
     ],
 )
-def test_being_within_all_tolerances_is_worth_its_weight(task: Any, weight: float) -> None:
+def test_being_within_all_tolerances_is_worth_its_weight(task, weight):
     terms = task.reward(Transition(PLANAR, PLANAR_GOAL, (0.0,), (0.0,)))
     assert terms["within"] == pytest.approx(weight, rel=1e-9)
     assert "within" not in type(task)().reward(Transition(PLANAR, PLANAR_GOAL, (0.0,), (0.0,)))

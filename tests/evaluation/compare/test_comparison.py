@@ -18,7 +18,7 @@ from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 
 
-def test_half_certified_starts_are_left_out() -> None:
+def test_half_certified_starts_are_left_out():
     found = Comparison(CONTEST)
     found.certified += [
         Bound(0, None, 1.0),
@@ -53,7 +53,7 @@ def by_hand(
     return found
 
 
-def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
+def test_each_flight_is_held_against_the_bound_of_its_event():
     """Arrives at 2 s and spends 1 N s, then rests; horizons of 3, 4, 5 and 6 s for a least time of 2.5 s."""
     loose = by_hand(2.0, 1.0, {})
     assert loose.horizons() == pytest.approx((3.0, 4.0, 5.0, 6.0))
@@ -74,7 +74,7 @@ def test_each_flight_is_held_against_the_bound_of_its_event() -> None:
     assert by_hand(2.0, 1.0, {last: Bound(1, last, 1.0 + 1e-12)}).impossible() == []
 
 
-def test_bounds_are_lower_and_upper_ends() -> None:
+def test_bounds_are_lower_and_upper_ends():
     gap = by_hand(2.0, 1.0, {None: Bound(1, None, 1.0, 1.8, 2.6)})
     lower, upper = gap.bounds(Event())
     assert (lower.values.tolist(), upper.values.tolist()) == ([0.1, 1.8], [math.inf, 2.6])
@@ -88,7 +88,7 @@ def test_bounds_are_lower_and_upper_ends() -> None:
     assert np.isinf(gaps(late)["impulse by 3 s"]["x"]).all()
 
 
-def test_horizons_scale_with_the_craft() -> None:
+def test_horizons_scale_with_the_craft():
     """Starts of the platform are 3 to 4 m away; four nozzles of 1 N at 45 degrees push 5.32 kg.
 
     From rest to rest within 5 cm and 5 cm/s: 2 sqrt(3.5 m / 0.53 m/s^2) = 5.1 s, rounded to 5. Four times
@@ -107,13 +107,13 @@ def test_horizons_scale_with_the_craft() -> None:
     assert one_period.horizons() == (0.2,)
 
 
-def test_a_fifth_of_the_episode_stands_for_what_has_no_bound() -> None:
+def test_a_fifth_of_the_episode_stands_for_what_has_no_bound():
     """A motion with constraints has none."""
     moving = replace(CONTEST, timing=Timing(), task=TASKS["avoid"]())
     assert Comparison(moving).least_time == pytest.approx(5.0)
 
 
-def test_medians_of_gaps_count_who_is_not_there() -> None:
+def test_medians_of_gaps_count_who_is_not_there():
     both = np.array([1.5, np.inf, 1.2])
     one = np.array([1.5, np.inf, np.inf])
     found = {"time": {"a": both, "b": one}, "thrust": {"a": np.array([])}}

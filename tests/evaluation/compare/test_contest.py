@@ -28,7 +28,7 @@ def entry_of(flight: Flight) -> Entry:
     return Entry(Contestant("x", LQR(flight.craft, flight.task, flight.timing), "", ""), flight)
 
 
-def test_goal_set_is_that_of_the_certificate() -> None:
+def test_goal_set_is_that_of_the_certificate():
     """Around the goal, about a fifth of random states are in the set; both must name the same ones."""
     random = np.random.default_rng(2)
     count = 4000
@@ -46,7 +46,7 @@ def test_goal_set_is_that_of_the_certificate() -> None:
     assert 0.1 < ours.mean() < 0.9
 
 
-def test_scores_worked_out() -> None:
+def test_scores_worked_out():
     """At the goal at 1.5 s, out again, back at 3 s to stay. Two thrusters of 1 N open in periods 1 to 3,
     one in period 5, of half a second each."""
     distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
@@ -60,14 +60,14 @@ def test_scores_worked_out() -> None:
     assert entry.errors["position"][0] == pytest.approx(0.03)
 
 
-def test_who_begins_moving_cannot_wait() -> None:
+def test_who_begins_moving_cannot_wait():
     """The same path of a craft that moves from the beginning counts at the very instants only."""
     distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
     moving = entry_of(flight_of(distance, 0.0, speed=(0.03, 0.0)))
     assert [moving.thrust_by(t)[0] for t in (1.5, 2.0, 3.0)] == [0.0, math.inf, 0.0]
 
 
-def test_who_was_in_the_goal_set_once_need_not_stay() -> None:
+def test_who_was_in_the_goal_set_once_need_not_stay():
     """In the set at 1.5 s, out at 2 s, back from 3 s to the end; the second flight is out at the end."""
     first = [1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]
     second = [1.0, 0.5, 0.2, 0.04, 0.04, 0.04, 0.04, 0.06]
@@ -76,7 +76,7 @@ def test_who_was_in_the_goal_set_once_need_not_stay() -> None:
     assert entry.staying.tolist() == [3.0, math.inf]
 
 
-def test_amounts_are_of_their_event() -> None:
+def test_amounts_are_of_their_event():
     """Arrives at 1.5 s, settles at 3 s: arrival at rest is never measured by a bound of settling."""
     distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
     entry = entry_of(flight_of(distance, 0.0))
@@ -99,7 +99,7 @@ def test_amounts_are_of_their_event() -> None:
     ]
 
 
-def test_who_turns_unseen_has_not_settled_at_an_attitude() -> None:
+def test_who_turns_unseen_has_not_settled_at_an_attitude():
     """Half a turn in a period of half a second are 2 pi rad/s: looks may miss whole turns from there on."""
     for spin, value in ((6.2, 0.0), (6.3, math.inf), (-6.3, math.inf)):
         turning = entry_of(flight_of(np.full((4, 1), 0.01), 0.0, spin=spin))
@@ -108,7 +108,7 @@ def test_who_turns_unseen_has_not_settled_at_an_attitude() -> None:
 
 
 @pytest.mark.parametrize("periods", [43, 81, 86, 91])
-def test_thrust_by_a_whole_number_of_periods(periods: int) -> None:
+def test_thrust_by_a_whole_number_of_periods(periods):
     """0.2 s times these, over 0.2 s again, is just below the whole number; one pulse of 1 N a period."""
     commands = np.zeros((100, 1, 8))
     commands[:, 0, 0] = 1.0
@@ -122,7 +122,7 @@ def test_thrust_by_a_whole_number_of_periods(periods: int) -> None:
         entry.thrust_by(periods * 0.2 + 0.1)
 
 
-def test_forces_count_in_thrust_time() -> None:
+def test_forces_count_in_thrust_time():
     """Thrusters of 2 N and 0.5 N open for one period of 0.5 s each: 1.25 N s; the goal is reached between."""
     forces = [2.0, 0.5] + [1.0] * 6
     stronger = tuple(replace(t, force=f) for t, f in zip(CRAFT.thrusters, forces, strict=True))
@@ -137,7 +137,7 @@ def test_forces_count_in_thrust_time() -> None:
     assert entry.name == "x"
 
 
-def test_shared_thrust_counts_once() -> None:
+def test_shared_thrust_counts_once():
     """Two open nozzles share the worth of one: 0.5 N s in a period of half a second."""
     commands = np.zeros((2, 1, 8))
     commands[:, 0, :2] = 1.0

@@ -27,7 +27,7 @@ def tuning(text: str) -> str:
     return entrants._tuning(contestant_name.ContestantName.parse(text))
 
 
-def test_conditions_of_the_first() -> None:
+def test_conditions_of_the_first():
     """The task with the starts that agents are judged on, an episode of 25 s at 5 Hz."""
     found = contest_of("lqr:go-to-pose-2d", 3, 11, "drake")
     assert (found.episodes, found.seed, found.engine) == (3, 11, "drake")
@@ -38,7 +38,7 @@ def test_conditions_of_the_first() -> None:
     assert (usual.episodes, usual.seed, usual.engine) == (1, EVALUATION_SEED, "fast")
 
 
-def test_only_the_same_control_period_is_compared(contest: Contest) -> None:
+def test_only_the_same_control_period_is_compared(contest):
     """Other tasks and craft are refused in `tests/evaluation/compare/test_run.py`."""
     quicker = replace(contest, timing=Timing(0.1))
     with pytest.raises(ConfigError, match=r"acts every 0\.2 s, but .* every 0\.1 s"):
@@ -49,13 +49,13 @@ def test_only_the_same_control_period_is_compared(contest: Contest) -> None:
     assert enlist(policy, quicker, period=0.1).knows == "observation"  # the user asks for it
 
 
-def test_a_craft_of_the_same_name_with_other_values_is_another(contest: Contest) -> None:
+def test_a_craft_of_the_same_name_with_other_values_is_another(contest):
     heavier = replace(contest, craft=replace(contest.craft, mass=2 * contest.craft.mass))
     with pytest.raises(ConfigError, match="or for other values of it"):
         enlist("lqr:go-to-pose-2d", heavier)
 
 
-def test_what_everybody_knows_and_cost(contest: Contest) -> None:
+def test_what_everybody_knows_and_cost(contest):
     lqr = enlist("lqr:go-to-pose-2d", contest)
     idle = enlist(IDLE, contest)
     assert (lqr.name, lqr.knows) == ("LQR", "state, exact model")
@@ -68,9 +68,7 @@ def test_what_everybody_knows_and_cost(contest: Contest) -> None:
     assert beside.tuning.startswith("tuned: ")
 
 
-def test_the_cost_of_an_agent_is_that_on_its_card(
-    contest: Contest, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_the_cost_of_an_agent_is_that_on_its_card(contest, monkeypatch, tmp_path):
     """Also of one of its tasks, as 'NAME#TASK'."""
     card = {"training": {"steps": 26_200_000, "seconds": 0.2549, "device": "cuda:0"}}
     (tmp_path / "card.json").write_text(json.dumps(card))
@@ -89,9 +87,7 @@ def test_the_cost_of_an_agent_is_that_on_its_card(
     assert tuning("pretrained:mine") == "training: not known"
 
 
-def test_the_cost_of_a_run_is_in_its_last_row(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_cost_of_a_run_is_in_its_last_row(tmp_path, monkeypatch):
     class Folder:
         def __init__(self, folder: Path) -> None:
             assert folder == tmp_path

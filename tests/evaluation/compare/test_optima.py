@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def starts(count: int = 3) -> Scenario:
     return scenarios(TASK, PLATFORM, 5, count)
 
 
-def test_every_trajectory_is_flown_in_drake() -> None:
+def test_every_trajectory_is_flown_in_drake():
     """Also least times, each with its own control period."""
     ticks: list[int] = []
     for objective in (FUEL, MinimumTime(12)):
@@ -50,7 +49,7 @@ def test_every_trajectory_is_flown_in_drake() -> None:
     assert len(ticks) == 4
 
 
-def test_lost_starts_are_rows_with_a_sentence_and_files_hold_everything(tmp_path: Path) -> None:
+def test_lost_starts_are_rows_with_a_sentence_and_files_hold_everything(tmp_path):
     batch = starts()
     batch.start.p.x[1] = math.nan
     batch.start.p.x[2] = 60.0
@@ -79,7 +78,7 @@ def test_lost_starts_are_rows_with_a_sentence_and_files_hold_everything(tmp_path
         assert np.array_equal(arrays["states"][0, :, column], path.states.attitude.angle)
 
 
-def test_a_trajectory_that_drake_does_not_fly_is_lost() -> None:
+def test_a_trajectory_that_drake_does_not_fly_is_lost():
     [answer] = optima.optima(PLATFORM, TASK, FUEL, starts(1), workers=1)
     heavier = replace(PLATFORM, mass=1.01 * PLATFORM.mass)
     [scenario] = each(starts(1))
@@ -94,7 +93,7 @@ def test_a_trajectory_that_drake_does_not_fly_is_lost() -> None:
     assert "odd end" in replace(answer, trajectory=unknown).sentence
 
 
-def test_thrust_of_pulsed_valves_is_flown_throttled() -> None:
+def test_thrust_of_pulsed_valves_is_flown_throttled():
     """It is what was optimised; the pulses of the same duties would lead elsewhere, as each thruster pushes
     at the beginning of a period: by up to (1 - d) d F h^2 / 2 m = 6 mm in the first."""
     pulsed = replace(PLATFORM, actuators=Pulsed(20))
@@ -120,7 +119,7 @@ def made_up(count: int, period: float, solved: bool = True) -> Trajectory:
     ("count", "period", "steps"),
     [(10, 0.2, 25), (30, 0.2, 30), (4, 0.3, 17), (5, 5 / 3, 5), (25, 0.2, 25)],
 )
-def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> None:
+def test_a_flight_lasts_an_episode(count, period, steps):
     """5 s in whole periods of its own, and longer only if the trajectory is."""
     [scenario] = each(starts(1))
     flight = optima.episode(
@@ -132,7 +131,7 @@ def test_a_flight_lasts_an_episode(count: int, period: float, steps: int) -> Non
     assert flight.engine == "drake"
 
 
-def test_a_mission_is_won_by_a_trajectory() -> None:
+def test_a_mission_is_won_by_a_trajectory():
     """From x = -1 m at 0.8 m/s it is within 0.1 m of the origin after 6 periods, and beyond the wall later."""
     task = Pass()
     [scenario] = each(scenarios(task, PLATFORM, 5, 1))

@@ -20,7 +20,7 @@ NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
 CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=40), 4, 2)
 
 
-def test_scores_of_what_was_flown() -> None:
+def test_scores_of_what_was_flown():
     """Fuel is the optimiser's own cost; 6 s of thrust at 0.2 s, then 2 s of coasting at the goal."""
     objective = MinimumFuel(6.0, 0.2)
     [one, _] = relaxed.solve(CONTEST, objective, 1)
@@ -37,14 +37,14 @@ def test_scores_of_what_was_flown() -> None:
     assert one.total == pytest.approx(sum(float(term.sum()) for term in flight.rewards().values()))
 
 
-def test_who_acts_at_a_rate_of_his_own_has_no_return() -> None:
+def test_who_acts_at_a_rate_of_his_own_has_no_return():
     [one, _] = relaxed.solve(CONTEST, MinimumTime(20), 1)
     assert one.solved
     assert one.arrival < 5.0
     assert math.isnan(one.total)
 
 
-def test_what_was_lost_has_no_scores() -> None:
+def test_what_was_lost_has_no_scores():
     objective = MinimumFuel(6.0, 0.2)
     [answer, _] = optima(CONTEST.craft, CONTEST.task, objective, CONTEST.starts, workers=1)
     strayed: Optimum = replace(answer, replay_error=0.1)

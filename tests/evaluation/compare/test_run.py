@@ -57,7 +57,7 @@ def comparison(cache: Path) -> Comparison:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> None:
+def test_failures_are_sentences_and_the_rest_goes_on(comparison):
     [told] = comparison.failures
     assert "broken failed: KeyError: 'no such layer'" in told
     report = page(comparison)
@@ -67,7 +67,7 @@ def test_failures_are_sentences_and_the_rest_goes_on(comparison: Comparison) -> 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_what_physics_forbids_is_an_answer() -> None:
+def test_what_physics_forbids_is_an_answer():
     """An episode of 2 s is shorter than the platform's least time of 2.4 s for 85 cm: nothing has failed."""
     short = Comparison(replace(CONTEST, episodes=2, timing=Timing(episode_steps=10)))
     short.fly({}, ["optimal"], certified=1, workers=1)
@@ -89,8 +89,8 @@ def test_what_physics_forbids_is_an_answer() -> None:
 
 
 def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     """At 4 times the least time of 2.4 s an optimum would arrive in the last fifth of 10 s."""
     asked: list[str] = []
     monkeypatch.setattr(relaxed, "solve", lambda _, one, *__: asked.append(one.name) or [])
@@ -103,7 +103,7 @@ def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(
     assert asked == [*once, *once, "minimum fuel in 8 s"]
 
 
-def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
+def test_all_who_cannot_take_part_are_told_before_anybody_flies():
     with pytest.raises(ConfigError) as told:
         enlisted(
             [
@@ -125,7 +125,7 @@ def test_all_who_cannot_take_part_are_told_before_anybody_flies() -> None:
 
 
 @pytest.mark.slow
-def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
+def test_nobody_beats_a_certified_bound(comparison):
     assert comparison.certified_starts() == [0, 1]
     assert comparison.impossible() == []
     ratios = gaps(comparison)
@@ -142,7 +142,7 @@ def test_nobody_beats_a_certified_bound(comparison: Comparison) -> None:
 
 
 @pytest.mark.slow
-def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
+def test_controls_found_fly_into_the_goal_set(comparison):
     """Flown by the engine, not by the search; the same definition judges the contestants."""
 
     found = [c for c in comparison.certified if c.commands is not None]
@@ -162,7 +162,7 @@ def test_controls_found_fly_into_the_goal_set(comparison: Comparison) -> None:
 
 
 @pytest.mark.slow
-def test_relaxed_optima(comparison: Comparison) -> None:
+def test_relaxed_optima(comparison):
     """Replayed in Drake to the millimetre; what may throttle earns more than what may not."""
     solved = [all(row.solved for row in rows) for rows in comparison.relaxed.values()]
     assert (
@@ -180,7 +180,7 @@ def test_relaxed_optima(comparison: Comparison) -> None:
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison) -> None:
+def test_a_start_without_optimum_costs_nobody_the_return(comparison):
     """The share is that of the other starts."""
     name, rows = next(
         (name, rows)
@@ -198,7 +198,7 @@ def test_a_start_without_optimum_costs_nobody_the_return(comparison: Comparison)
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_interrupt_keeps_what_is_finished(monkeypatch):
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
@@ -211,7 +211,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch: pytest.MonkeyPatch) -> No
     assert "solves its task from 3 of 3 starts" in page(found).html()
 
 
-def test_nobody_flies_twice_and_names_differ(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nobody_flies_twice_and_names_differ(monkeypatch):
     found = Comparison(replace(CONTEST, episodes=1, timing=Timing(episode_steps=3)))
     thrice = ["lqr:go-to-pose-2d", "lqr:go-to-pose-2d", "lqr:go-to-pose-2d@floating-platform"]
     found.fly(enlisted(thrice, found.contest), ["lqr"])

@@ -59,7 +59,7 @@ class Fixed(Firing):
     tunable: ClassVar = {}  # pyrefly: ignore[bad-override]
 
 
-def test_finds_the_least_and_counts_the_budget() -> None:
+def test_finds_the_least_and_counts_the_budget():
     """Below 0.2 no valve opens in 10 periods; nobody settles, which counts twice 2 s."""
     steps: list[int] = []
     found = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command", steps.append)
@@ -74,7 +74,7 @@ def test_finds_the_least_and_counts_the_budget() -> None:
     assert found == tuned_settings(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command")
 
 
-def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_interrupt_keeps_what_was_found(monkeypatch):
     flown = []
     fly = Contest.fly
 
@@ -93,7 +93,7 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch: pytest.MonkeyPatch) -> N
 
 
 @pytest.mark.slow
-def test_the_cost_is_that_of_the_flights() -> None:
+def test_the_cost_is_that_of_the_flights():
     setup = SETUP._replace(timing=Timing())
     found = tuned_settings("lqr", setup, 3, 4, 0.02)
     contest = Contest(*setup[:3], TUNING_SEED, 4)
@@ -107,7 +107,7 @@ def test_the_cost_is_that_of_the_flights() -> None:
     assert found.costs["tuned"] <= found.costs["default"]
 
 
-def test_no_report_uses_its_starts() -> None:
+def test_no_report_uses_its_starts():
     assert len({EVALUATION_SEED, SELECTION_SEED, TUNING_SEED}) == 3
 
 
@@ -121,13 +121,13 @@ class Whole(Firing):
         super().__init__(craft, task, timing, Habit(1.0 / periods))
 
 
-def test_whole_settings_stay_whole() -> None:
+def test_whole_settings_stay_whole():
     found = tuned_settings(typed(f"{HERE}:Whole"), SETUP, 6, 2, 0.01)
     assert isinstance(found.settings["periods"], int)
     assert 2 <= found.settings["periods"] <= 30
 
 
-def test_the_search_ends_when_its_time_is_spent() -> None:
+def test_the_search_ends_when_its_time_is_spent():
     """At least the default settings are flown, whatever the time."""
     found = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 10_000, 2, 0.01, seconds=1e-9)
     assert (found.candidates, found.seconds > 0.0) == (1, True)
@@ -135,7 +135,7 @@ def test_the_search_ends_when_its_time_is_spent() -> None:
         tuned_settings(typed(f"{HERE}:Firing"), SETUP, 1, 2, 0.01, seconds=0.0)
 
 
-def test_settings_tuned_under_conditions_are_for_these_alone() -> None:
+def test_settings_tuned_under_conditions_are_for_these_alone():
     """Those tuned without any serve where there are none of the setup's own."""
     lab, harsh = (load_conditions(name).or_none for name in ("lab", "harsh"))
     in_lab = tuned_settings(typed(f"{HERE}:Firing"), SETUP._replace(conditions=lab), 1, 2, 0.01)

@@ -14,7 +14,7 @@ from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import Comparison
 from rans.model.drift import ClohessyWiltshire, Drift, step_goal
-from rans.model.spacecraft import Propellant, Spacecraft
+from rans.model.spacecraft import Propellant
 from rans.model.spacecraft_file import load_spacecraft
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -45,7 +45,7 @@ class Watch(GoToPose):
         return goal
 
 
-def test_propellant_has_neither_optimum_nor_bound() -> None:
+def test_propellant_has_neither_optimum_nor_bound():
     tank = replace(PLATFORM, propellant=Propellant(1.0, 60.0))
     found = Comparison(Contest(tank, GoToPose(), Timing(), 4, 3))
     found.fly({}, ["optimal"], certified=2, workers=1)
@@ -57,7 +57,7 @@ def test_propellant_has_neither_optimum_nor_bound() -> None:
     assert re.search("No bound is certified: .* propellant", bound)
 
 
-def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch):
     monkeypatch.setattr(Comparison, "horizons", lambda _: (20.0,))
     found = Comparison(Contest(load_spacecraft("pingu"), GoToPose(), Timing(), 4, 3))
     found.fly({}, ["optimal"], certified=1, workers=1)
@@ -80,9 +80,7 @@ def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch: pytest.MonkeyP
         (PLATFORM, Watch(), "Neither optima nor bounds are claimed: .* Watch remembers"),
     ],
 )
-def test_what_cannot_be_said_is_a_note_and_no_failure(
-    craft: Spacecraft, task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_said_is_a_note_and_no_failure(craft, task, said, monkeypatch):
     monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
     found = Comparison(Contest(craft, task, Timing(episode_steps=30), 4, 3))
     found.fly(enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)

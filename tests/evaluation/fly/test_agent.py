@@ -35,7 +35,7 @@ def run_folder(trained: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(trained, tmp_path / "run"))
 
 
-def test_the_agent_is_the_policy(trained: Path) -> None:
+def test_the_agent_is_the_policy(trained):
     """Agent and SB3's own PPO open the same thrusters."""
     loaded = load_policy(trained)
     craft = loaded.craft
@@ -62,7 +62,7 @@ def refused(folder: Path, content: bytes) -> str:
     return str(caught.value)
 
 
-def test_a_damaged_policy(run_folder: Path) -> None:
+def test_a_damaged_policy(run_folder):
     good = (run_folder / "agent.safetensors").read_bytes()
     generator = np.random.default_rng(1)
     spoiled = [
@@ -72,7 +72,7 @@ def test_a_damaged_policy(run_folder: Path) -> None:
         assert "\n" not in refused(run_folder, content)
 
 
-def test_an_agent_for_another_spacecraft(run_folder: Path) -> None:
+def test_an_agent_for_another_spacecraft(run_folder):
     config = json.loads((run_folder / "config.json").read_text())
     other: Any = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[
         config["spacecraft"]
@@ -82,7 +82,7 @@ def test_an_agent_for_another_spacecraft(run_folder: Path) -> None:
         load_policy(run_folder)
 
 
-def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
+def test_an_on_off_agent_for_throttles_is_refused(run_folder):
     """Same columns, same thrusters, other commands; the reverse is in `tests.fast.learn.test_duties`."""
     craft = RunFolder(run_folder).spacecraft()
     (run_folder / "spacecraft.toml").write_text(to_toml(replace(craft, actuators=Throttle())))
@@ -93,8 +93,8 @@ def test_an_on_off_agent_for_throttles_is_refused(run_folder: Path) -> None:
 
 
 def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(
-    run_folder: Path,
-) -> None:
+    run_folder,
+):
     loaded = load_policy(run_folder)
     for given, judged in ((1, None), (50, 50)):
         timing = replace(loaded.timing, substeps=given)

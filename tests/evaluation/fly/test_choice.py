@@ -46,9 +46,7 @@ def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[float, int]:
         ({0.0: 32}, 0.0),
     ],
 )
-def test_the_cheapest_value_that_loses_no_flight_is_taken(
-    solved: dict[float, int], value: float, flown: dict[float, int]
-) -> None:
+def test_the_cheapest_value_that_loses_no_flight_is_taken(solved, value, flown):
     flown.update(solved)
     assert chosen(OWN, PLATFORM).value == value
     assert chosen(OWN, PLATFORM, value=1.0).solved == 0
@@ -57,16 +55,14 @@ def test_the_cheapest_value_that_loses_no_flight_is_taken(
 @pytest.mark.parametrize(
     ("lost", "least"), [((), 0.0), ((1.0,), 1.0), ((1.0, 0.8), 0.8), ((1.0, 0.8, 0.6), 0.6)]
 )
-def test_the_least_larger_value_that_loses_flights_is_named(
-    lost: tuple[float, ...], least: float, flown: dict[float, int]
-) -> None:
+def test_the_least_larger_value_that_loses_flights_is_named(lost, least, flown):
     flown.update({value: 32 for value in (0.4, 0.6, 0.8, 1.0) if value not in lost})
     result = chosen(OWN, PLATFORM)
     assert result.lost == least
     assert (f"#{least:g}" in result.text("").partition(":")[2]) == bool(least)
 
 
-def test_flights_are_flown_once_for_a_craft(flown: dict[float, int], tmp_path: Path) -> None:
+def test_flights_are_flown_once_for_a_craft(flown, tmp_path):
     flown[0.4] = 32
     assert chosen(OWN, PLATFORM).value == 0.4
     flown.clear()
@@ -78,9 +74,7 @@ def test_flights_are_flown_once_for_a_craft(flown: dict[float, int], tmp_path: P
     assert chosen(OWN, PLATFORM).value == 0.0
 
 
-def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(
-    flown: dict[float, int], here: Path
-) -> None:
+def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(flown, here):
     Path("mine.toml").write_text(to_toml(replace(PLATFORM, name="mine")))
     flown[0.0] = 12
     with pytest.warns(RansWarning, match="any-craft-2d#0: solved 12 of 32"):
@@ -93,7 +87,7 @@ def test_a_craft_that_no_value_settles_is_doubted_wherever_it_is_loaded(
 
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", ["floating-platform", "spheres"])
-def test_finer_tolerances_are_held_by_the_same_weights(craft: str) -> None:
+def test_finer_tolerances_are_held_by_the_same_weights(craft):
     """Without them 11 and 0 % of the flights are within 2 cm and 2 degrees."""
     run = contestant(f"any-craft-{load_spacecraft(craft).dimension}d#2cm,2deg@{craft}")
     assert run.judged.task.tolerances() == pytest.approx({"position": 0.02, "attitude": 0.0349066})
@@ -102,9 +96,7 @@ def test_finer_tolerances_are_held_by_the_same_weights(craft: str) -> None:
 
 
 @pytest.mark.slow
-def test_pulses_that_are_long_for_a_heavy_craft_are_flown_more_often(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_pulses_that_are_long_for_a_heavy_craft_are_flown_more_often(monkeypatch, tmp_path):
     """A servicer with on/off thrusters of 5 N and wheels: at 1.0 s its pulses lose flights, at 0.5 s none."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     start = load_spacecraft("free-flyer")
@@ -124,7 +116,7 @@ def test_pulses_that_are_long_for_a_heavy_craft_are_flown_more_often(
 
 
 @pytest.mark.parametrize(("conditions", "holds"), [("faults", 0.0), ("lab", 1.0)])
-def test_pulses_hold_no_pose_where_thrusters_may_fail(conditions: str, holds: float) -> None:
+def test_pulses_hold_no_pose_where_thrusters_may_fail(conditions, holds):
     """any-craft-2d#1 solves 66 % of 256 flights under faults with pulses that hold a pose, 76 % without."""
     designed = frugal(for_spacecraft(OWN, PLATFORM), 1.0)
     run = designed.under(load_conditions(conditions))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -26,7 +25,7 @@ from rans.evaluation.fly.contestant_name import ContestantName
     ],
 )
 @pytest.mark.usefixtures("here")
-def test_every_form_has_its_parts(text: str, parts: tuple[str, str, str, str]) -> None:
+def test_every_form_has_its_parts(text, parts):
     name = ContestantName.parse(text)
     assert (name.kind, name.name, name.setup, name.part) == parts
     assert name.text == text
@@ -41,19 +40,19 @@ def test_every_form_has_its_parts(text: str, parts: tuple[str, str, str, str]) -
         ("12:30.onnx", "onnx:12:30.onnx", ("policy", "onnx:12:30.onnx", "", "")),
     ],
 )
-def test_the_longest_name_that_exists(here: Path, name: str, text: str, parts: Any) -> None:
+def test_the_longest_name_that_exists(here, name, text, parts):
     (here / name).write_bytes(b"")
     parsed = ContestantName.parse(text)
     assert (parsed.kind, parsed.name, parsed.setup, parsed.part) == parts
 
 
 @pytest.mark.parametrize("text", ["policy.pt", "nn/last_ep_300.pth", "mine.onnx", "model.zip"])
-def test_files_of_other_libraries_are_answered_by_what_to_type(text: str) -> None:
+def test_files_of_other_libraries_are_answered_by_what_to_type(text):
     with pytest.raises(ConfigError, match=r"(onnx|sb3):FILE\.\w+:TASK-2d"):
         ContestantName.parse(text)
 
 
-def test_a_controllers_name_may_be_that_of_a_folder(here: Path) -> None:
+def test_a_controllers_name_may_be_that_of_a_folder(here):
     """After an earlier contestant it is the controller; alone it is the folder, if there is one."""
     name = ContestantName.parse("lqr")
     assert name.needs_setup
@@ -63,7 +62,7 @@ def test_a_controllers_name_may_be_that_of_a_folder(here: Path) -> None:
     assert name.folder == name.output_folder == Path("lqr")
 
 
-def test_only_a_policys_own_file_is_its_file(tmp_path: Path) -> None:
+def test_only_a_policys_own_file_is_its_file(tmp_path):
     file = tmp_path / "policy.onnx"
     assert ContestantName.parse(f"onnx:{file}:dock").policy_file is None
     file.write_bytes(b"")
@@ -71,7 +70,7 @@ def test_only_a_policys_own_file_is_its_file(tmp_path: Path) -> None:
     assert ContestantName.parse("python:mine:act").policy_file is None
 
 
-def test_an_agent_that_adapts_has_files_of_its_own() -> None:
+def test_an_agent_that_adapts_has_files_of_its_own():
     name = ContestantName.parse("adaptive:any-craft-2d@atmos")
     assert (name.kind, name.name, name.craft, name.adapts) == (
         "pretrained",

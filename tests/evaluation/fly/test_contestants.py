@@ -39,7 +39,7 @@ def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return untrained(tmp_path_factory.mktemp("runs") / "all", task="multi-task", settings=tasks)
 
 
-def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path: Path) -> None:
+def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path):
     """A craft of a file that turns quickly is commanded every 0.1 s, in environments of its task every 0.2 s."""
     (tmp_path / "mine.toml").write_text(to_toml(load_spacecraft("floating-platform")))
     named = "python:tests.support.policies:idle:go-to-pose-2d@"
@@ -50,7 +50,7 @@ def test_a_policy_of_others_is_told_its_period_on_the_craft_of_a_file(tmp_path: 
     assert contestant(f"{named}floating-platform").timing.control_period == 0.2
 
 
-def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_agent_that_comes_with_rans(run, monkeypatch):
     saved = read_policy(run / "agent.safetensors").network
     shipped = actor_bytes(saved.architecture, saved.weights(), 0)
     (run / "agent.safetensors").write_bytes(shipped)
@@ -63,7 +63,7 @@ def test_an_agent_that_comes_with_rans(run: Path, monkeypatch: pytest.MonkeyPatc
         contestant("pretrained:posr")
 
 
-def test_an_agent_by_its_bare_name_where_no_folder_has_it(here: Path) -> None:
+def test_an_agent_by_its_bare_name_where_no_folder_has_it(here):
     assert contestant("go-to-pose-2d").controller.name == "go-to-pose-2d"
     assert ContestantName.parse("go-to-pose-2d").output_folder == Path(
         "runs/evaluations/pretrained-go-to-pose-2d"
@@ -73,7 +73,7 @@ def test_an_agent_by_its_bare_name_where_no_folder_has_it(here: Path) -> None:
         contestant("go-to-pose-2d")
 
 
-def test_results_stay_inside_their_folder() -> None:
+def test_results_stay_inside_their_folder():
     """And apart: files that differ in their folder only have one each."""
     places = [
         ContestantName.parse(f"lqr:go-to-pose-2d@{file}").output_folder
@@ -97,11 +97,11 @@ def test_results_stay_inside_their_folder() -> None:
         ("rans.optimal.control.lqr:LQR:go-to-pose", "floating-platform"),
     ],
 )
-def test_the_number_of_dimensions_may_be_left_out(spec: str, spacecraft: str) -> None:
+def test_the_number_of_dimensions_may_be_left_out(spec, spacecraft):
     assert contestant(spec).craft.name == spacecraft
 
 
-def test_the_command_that_shows_a_flight_says_whose_code_it_runs() -> None:
+def test_the_command_that_shows_a_flight_says_whose_code_it_runs():
     class Mine(GoToPose):
         """From outside of RANS."""
 
@@ -124,7 +124,7 @@ def test_the_command_that_shows_a_flight_says_whose_code_it_runs() -> None:
     ]
 
 
-def test_protocols(run: Path) -> None:
+def test_protocols(run):
     """Section 4.1 of the paper, and the original system's shared supply."""
     for protocol, sharing in (("paper", "none"), ("original", "split")):
         _, craft, task, timing, _ = contestant(str(run), protocol)[:5]  # type: ignore[arg-type]
@@ -140,7 +140,7 @@ def test_protocols(run: Path) -> None:
         contestant("lqr:go-to-pose-3d", "paper")
 
 
-def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
+def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi):
     parts = [f"{multi}#go-to-position", f"{multi}#track-velocity"]
     assert [*map(str, judged_separately(str(multi)))] == parts
     picked = contestant(f"{multi}#track-velocity", "paper")
@@ -150,7 +150,7 @@ def test_a_multi_task_agent_is_judged_on_each_of_its_tasks(multi: Path) -> None:
         contestant(f"{multi}#go-to-pose")
 
 
-def test_the_network_of_a_contestant_is_that_of_an_agent() -> None:
+def test_the_network_of_a_contestant_is_that_of_an_agent():
     """So that no caller guesses what the controller is."""
     run = contestant("pretrained:go-to-pose-2d")
     assert run.network.architecture.thrusters == run.craft.command_count

@@ -78,7 +78,7 @@ def no_controller(craft: Spacecraft, task: Task, timing: Timing) -> Any:
 NUMBER = 3
 
 
-def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
+def test_a_controller_of_any_module_flies_what_its_name_says():
     spec = f"{HERE}:Alternating:go-to-pose-2d@floating-platform-shared"
     found = contestant(spec)
     assert (found.craft.name, found.task, found.controller.name) == (
@@ -111,7 +111,7 @@ def test_a_controller_of_any_module_flies_what_its_name_says() -> None:
         ("Raising", "failed: ZeroDivisionError: by nothing"),
     ],
 )
-def test_answers_are_checked(name: str, said: str) -> None:
+def test_answers_are_checked(name, said):
     made = controller(typed(f"{HERE}:{name}"), SETUP)
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
         fly_episodes(made, SETUP, 1, 2)
@@ -125,12 +125,12 @@ def test_answers_are_checked(name: str, said: str) -> None:
         ("NUMBER", "cannot be used: a controller must be a class or function"),
     ],
 )
-def test_what_is_no_controller(name: str, said: str) -> None:
+def test_what_is_no_controller(name, said):
     with pytest.raises(ConfigError, match=f"the controller '{HERE}:{name}' {said}"):
         controller(typed(f"{HERE}:{name}"), SETUP)
 
 
-def test_registered_in_python() -> None:
+def test_registered_in_python():
     CONTROLLERS.register("every-second")(Alternating)
     try:
         assert contestant("every-second:go-to-pose-3d").controller.name == "alternating"
@@ -160,7 +160,7 @@ def saved(path: Path, algorithm: type, action_space: object, width: int = 10) ->
 
 
 @pytest.mark.parametrize("space", [MultiDiscrete([2] * 8), MultiBinary(8)])
-def test_sb3_file_does_what_its_model_does(tmp_path: Path, space: object) -> None:
+def test_sb3_file_does_what_its_model_does(tmp_path, space):
     file, model = saved(tmp_path / "policy.zip", PPO, space)
     policy = user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
     expected, _ = model.predict(OBSERVATIONS, deterministic=True)  # type: ignore[attr-defined]
@@ -168,13 +168,13 @@ def test_sb3_file_does_what_its_model_does(tmp_path: Path, space: object) -> Non
     np.testing.assert_array_equal(policy.act(None, None, OBSERVATIONS), expected)
 
 
-def test_a_pickle_of_sb3_needs_trust(tmp_path: Path) -> None:
+def test_a_pickle_of_sb3_needs_trust(tmp_path):
     file, _ = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
     with pytest.raises(ConfigError, match=r"sb3:.*policy\.zip is a pickle: .* add --trust"):
         user_policy(f"sb3:{file}", CRAFT, GoToPose())
 
 
-def test_nobody_is_advised_to_unpickle_weights(tmp_path: Path) -> None:
+def test_nobody_is_advised_to_unpickle_weights(tmp_path):
     """Which torch refuses even where the file is trusted."""
     file, _ = saved(tmp_path / "policy.zip", PPO, MultiBinary(8))
     trapped_weights(Path(file), tmp_path / "ran")
@@ -196,9 +196,7 @@ def test_nobody_is_advised_to_unpickle_weights(tmp_path: Path) -> None:
         (MultiBinary(8), 22, r"observes \(22,\), but floating-platform has \(10,\)"),
     ],
 )
-def test_sb3_file_for_something_else(
-    tmp_path: Path, space: object, width: int, sentence: str
-) -> None:
+def test_sb3_file_for_something_else(tmp_path, space, width, sentence):
     file, _ = saved(tmp_path / "policy.zip", PPO, space, width)
     with pytest.raises(ConfigError, match=sentence):
         user_policy(f"sb3:{file}", CRAFT, GoToPose(), trust=True)
@@ -216,13 +214,13 @@ def test_sb3_file_for_something_else(
         (f"sb3:{__file__}", r"is a pickle: .*--trust"),
     ],
 )
-def test_what_cannot_be_loaded(spec: str, sentence: str) -> None:
+def test_what_cannot_be_loaded(spec, sentence):
     assert is_user_policy(spec)
     with pytest.raises(ConfigError, match=sentence):
         user_policy(spec, CRAFT, GoToPose())
 
 
-def test_onnx_needs_its_package(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_onnx_needs_its_package(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(MissingPackage, match=r"onnxruntime.*pip install .*\[onnx\]"):
         user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
@@ -244,7 +242,7 @@ class _Answers:
         return [self._answer(inputs["observation"])]
 
 
-def test_a_network_answers_each_observation_for_itself() -> None:
+def test_a_network_answers_each_observation_for_itself():
     """Asked twice and once alone: a batch mean and a random number show, a function of the row does not."""
     seen = np.random.default_rng(3).normal(size=(32, 10)).astype(np.float32)
     random = np.random.default_rng(4)

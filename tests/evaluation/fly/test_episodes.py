@@ -35,7 +35,7 @@ class Push:
     "task",
     [Avoid(), DockPort(position_tolerance=2.0, attitude_tolerance=4.0, velocity_tolerance=1.0)],
 )
-def test_shares_are_joined_with_all_that_a_mission_tells(task: Any) -> None:
+def test_shares_are_joined_with_all_that_a_mission_tells(task):
     setup = Setup(load_spacecraft("floating-platform"), task, Timing(episode_steps=12, checks=2))
     whole, parts = (fly_episodes(Push(slow), setup, 3, 20, workers=1) for slow in (False, True))
     assert whole.margins.keys() == parts.margins.keys()

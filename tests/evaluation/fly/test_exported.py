@@ -24,14 +24,14 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_it_flies_by_its_contract(folder: Path) -> None:
+def test_it_flies_by_its_contract(folder):
     exported = rans.load_agent(folder)
     agent = rans.load_agent("go-to-pose-2d")
     assert (exported.craft, exported.task) == (agent.craft, agent.task)
     np.testing.assert_array_equal(exported.fly(4).commands, agent.fly(4).commands)
 
 
-def test_at_another_period_an_episode_is_as_long(folder: Path, tmp_path: Path) -> None:
+def test_at_another_period_an_episode_is_as_long(folder, tmp_path):
     faster = shutil.copytree(folder, tmp_path / "faster")
     contract = faster / "contract.json"
     table = json.loads(contract.read_text()) | {"control_period": 0.1, "episode_steps": 40}
@@ -42,7 +42,7 @@ def test_at_another_period_an_episode_is_as_long(folder: Path, tmp_path: Path) -
     assert len(rans.load_agent(faster).fly(1).commands) == 250
 
 
-def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path: Path) -> None:
+def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder, tmp_path):
     """As exporters of other libraries write it."""
     network = onnx.load(folder / "agent.onnx")
     for value in (*network.graph.input, *network.graph.output):
@@ -55,7 +55,7 @@ def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder: Path, tmp_path
     )
 
 
-def test_a_damaged_contract_is_a_sentence(folder: Path, tmp_path: Path) -> None:
+def test_a_damaged_contract_is_a_sentence(folder, tmp_path):
     (tmp_path / "contract.json").write_text('{"task": "go-to-pose"}')
     with pytest.raises(ConfigError, match=r"contract\.json is damaged: settings must be a table"):
         rans.load_agent(tmp_path)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -52,14 +51,14 @@ def opened(policy: UserPolicy) -> list[list[int]]:
     return [policy.act(None, None, step).sum(axis=1).astype(int).tolist() for step in STEPS]
 
 
-def test_a_memory_lasts_from_one_period_to_the_next_and_ends_with_the_episode() -> None:
+def test_a_memory_lasts_from_one_period_to_the_next_and_ends_with_the_episode():
     policy = ObjectPolicy(Counting(), CRAFT, TASK)
     for _ in range(2):
         policy.reset(6)
         assert opened(policy) == [[k] * 6 for k in (1, 2, 3, 4, 5)]
 
 
-def test_an_agent_of_it_gives_its_memory_away() -> None:
+def test_an_agent_of_it_gives_its_memory_away():
     agent = rans.load_agent(Counting(), "go-to-pose")
     _, state = agent.predict(STEPS[0])
     _, state = agent.predict(STEPS[1], state)
@@ -82,7 +81,7 @@ class Alone:
     ("policy", "sentence"),
     [(Forgetful(), "returns a state and takes none"), (Alone(), "must return actions and a state")],
 )
-def test_what_predict_cannot_be_flown_with_is_refused(policy: Any, sentence: str) -> None:
+def test_what_predict_cannot_be_flown_with_is_refused(policy, sentence):
     with pytest.raises(ConfigError, match=sentence):
         ObjectPolicy(policy, CRAFT, TASK).act(None, None, STEPS[0])
 
@@ -113,9 +112,7 @@ def scripted() -> Any:
         ),
     ],
 )
-def test_modules_of_torch_with_what_is_out_of_reach(
-    module: Callable[[], Any], sentence: str
-) -> None:
+def test_modules_of_torch_with_what_is_out_of_reach(module, sentence):
     with pytest.raises(ConfigError, match=sentence):
         policy_of(module(), CRAFT, TASK)
 
@@ -140,7 +137,7 @@ def doubled() -> Any:
         (doubled, "trained behind Doubled, which changes observations or actions"),
     ],
 )
-def test_wrappers_that_would_not_be_flown(environment: Any, sentence: str) -> None:
+def test_wrappers_that_would_not_be_flown(environment, sentence):
     model = PPO("MlpPolicy", environment(), n_steps=2, batch_size=2)
     with pytest.raises(ConfigError, match=sentence):
         ObjectPolicy(model, CRAFT, TASK)
@@ -162,7 +159,7 @@ def counting(file: Path, given: list[str], rows: Any = ("N", 8)) -> Path:
 
 
 @pytest.mark.parametrize("precision", [np.float16, np.float64])
-def test_networks_of_every_precision_fly(tmp_path: Path, precision: Any) -> None:
+def test_networks_of_every_precision_fly(tmp_path, precision):
     file = tmp_path / "plain.onnx"
     ports = {"obs": ("N", 10)}, {"actions": ("N", 8)}
     nodes = [node("MatMul", "obs W", "y"), node("Sigmoid", "y", "actions")]
@@ -176,7 +173,7 @@ def test_networks_of_every_precision_fly(tmp_path: Path, precision: Any) -> None
 
 
 @pytest.mark.parametrize("shape", [(32, 10), ("N", 1, 10)])
-def test_observations_of_another_shape_are_refused(tmp_path: Path, shape: Any) -> None:
+def test_observations_of_another_shape_are_refused(tmp_path, shape):
     file = tmp_path / "shaped.onnx"
     file.write_bytes(
         model_of([node("Identity", "obs", "actions")], {"obs": shape}, {"actions": shape})
@@ -186,7 +183,7 @@ def test_observations_of_another_shape_are_refused(tmp_path: Path, shape: Any) -
 
 
 @pytest.mark.parametrize("rows", [("N", 8), (1, 8)])
-def test_states_are_given_as_they_are_taken(tmp_path: Path, rows: Any) -> None:
+def test_states_are_given_as_they_are_taken(tmp_path, rows):
     """The command counts the control periods of each episode; a batch of one is asked row by row."""
     session = onnxruntime.InferenceSession(
         str(counting(tmp_path / "counting.onnx", ["h_out", "c_out"], rows)),
@@ -205,13 +202,13 @@ def test_states_are_given_as_they_are_taken(tmp_path: Path, rows: Any) -> None:
 @pytest.mark.parametrize(
     ("given", "rows"), [(["h_out"], ("N", 8)), (["h_out", "c_out"], (2, "N", 8))]
 )
-def test_states_of_another_form_are_refused(tmp_path: Path, given: list[str], rows: Any) -> None:
+def test_states_of_another_form_are_refused(tmp_path, given, rows):
     file = counting(tmp_path / "counting.onnx", given, rows)
     with pytest.raises(ConfigError, match=r"state [ch] of .* must be \(N, m\)|takes observations"):
         user_policy(f"onnx:{file}", CRAFT, TASK)
 
 
-def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
+def test_a_network_that_hides_its_states_is_refused(tmp_path):
     shapes = {"w": (1, 4 * UNITS, 10), "r": (1, 4 * UNITS, UNITS), "k": (UNITS, 8)}
     tables: dict[str, Any] = {name: np.zeros(shape) for name, shape in shapes.items()}
     nodes = [
@@ -227,7 +224,7 @@ def test_a_network_that_hides_its_states_is_refused(tmp_path: Path) -> None:
         user_policy(f"onnx:{file}", CRAFT, TASK)
 
 
-def test_a_state_of_another_shape_than_it_is_taken_is_refused(tmp_path: Path) -> None:
+def test_a_state_of_another_shape_than_it_is_taken_is_refused(tmp_path):
     columns: dict[str, Any] = {
         name: np.array([k]) for name, k in (("low", 0), ("high", 8), ("axis", 1))
     }

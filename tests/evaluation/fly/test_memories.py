@@ -104,7 +104,7 @@ FLYERS: dict[str, Any] = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", FLYERS)
-def test_flights_of_one_controller_do_not_meet(name: str) -> None:
+def test_flights_of_one_controller_do_not_meet(name):
     """In one thread after one another, within one another, and in threads."""
     flyer, setup = FLYERS[name]()
     setup = setup._replace(timing=replace(setup.timing, episode_steps=PERIODS))
@@ -124,7 +124,7 @@ def test_flights_of_one_controller_do_not_meet(name: str) -> None:
 @pytest.mark.parametrize(
     "who", ["go-to-pose-2d-faults", "switching:go-to-pose-2d", "mpc:go-to-pose-2d"]
 )
-def test_pilots_of_one_agent_by_turns(who: str) -> None:
+def test_pilots_of_one_agent_by_turns(who):
     """With an evaluation in between, and with more environments than one."""
     agent = rans.load_agent(who)
 

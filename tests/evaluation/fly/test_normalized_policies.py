@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import shutil
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,7 @@ from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
-from rans import ConfigError, GoToPose, Spacecraft
+from rans import ConfigError, GoToPose
 from rans.evaluation.fly.foreign_policy import policy_of
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import load_spacecraft
@@ -51,9 +50,7 @@ def predicted(folder: Path, observations: np.ndarray) -> np.ndarray:
         ("ppo_512_steps.zip", "ppo_vecnormalize_512_steps.pkl"),  # SB3's CheckpointCallback
     ],
 )
-def test_statistics_beside_a_model_scale_its_observations(
-    folder: Path, tmp_path: Path, model: str, statistics: str
-) -> None:
+def test_statistics_beside_a_model_scale_its_observations(folder, tmp_path, model, statistics):
     shutil.copy(folder / "model.zip", tmp_path / model)
     shutil.copy(folder / "vecnormalize.pkl", tmp_path / statistics)
     policy = user_policy(f"sb3:{tmp_path / model}", CRAFT, GoToPose(), trust=True)
@@ -65,7 +62,7 @@ def test_statistics_beside_a_model_scale_its_observations(
     np.testing.assert_array_equal(again.act(None, None, OBSERVATIONS), expected)
 
 
-def test_missing_statistics_are_said(folder: Path, tmp_path: Path) -> None:
+def test_missing_statistics_are_said(folder, tmp_path):
     """Of a file, and of the object that SB3 makes of it."""
     shutil.copy(folder / "model.zip", tmp_path)
     with pytest.warns(UserWarning, match=r"observations are passed to it as they are.*Save the"):
@@ -89,9 +86,7 @@ WITH_SDE = ON_POLICY | {"use_sde": True}
         (TD3, THROTTLED, OFF_POLICY),
     ],
 )
-def test_what_an_algorithm_saves_flies_as_it_predicts(
-    tmp_path: Path, kind: Any, craft: Spacecraft, options: dict[str, Any]
-) -> None:
+def test_what_an_algorithm_saves_flies_as_it_predicts(tmp_path, kind, craft, options):
     """As a file and as an object; warnings are errors here."""
     environment = rans.SB3VecEnv(rans.Engine(craft, GoToPose(), num_envs=4))
     model = kind("MlpPolicy", environment, **options).learn(32)
@@ -105,7 +100,7 @@ def test_what_an_algorithm_saves_flies_as_it_predicts(
     np.testing.assert_array_equal(flown, answer)
 
 
-def test_a_model_behind_its_environment_scales_too(folder: Path) -> None:
+def test_a_model_behind_its_environment_scales_too(folder):
     environment = rans.SB3VecEnv(rans.Engine(CRAFT, GoToPose(), num_envs=16))
     normalized = VecNormalize.load(str(folder / "vecnormalize.pkl"), environment)
     model = PPO.load(folder / "model.zip", env=normalized, device="cpu")
@@ -116,7 +111,7 @@ def test_a_model_behind_its_environment_scales_too(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("content", [b"no pickle", pickle.dumps({"obs_rms": 1})])
-def test_other_files_of_that_name_are_named(folder: Path, tmp_path: Path, content: bytes) -> None:
+def test_other_files_of_that_name_are_named(folder, tmp_path, content):
     shutil.copy(folder / "model.zip", tmp_path)
     (tmp_path / "vecnormalize.pkl").write_bytes(content)
     with pytest.raises(
@@ -125,7 +120,7 @@ def test_other_files_of_that_name_are_named(folder: Path, tmp_path: Path, conten
         user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, GoToPose(), trust=True)
 
 
-def test_statistics_of_another_policy_are_refused(folder: Path, tmp_path: Path) -> None:
+def test_statistics_of_another_policy_are_refused(folder, tmp_path):
     shutil.copy(folder / "model.zip", tmp_path)
     other = rans.SB3VecEnv(rans.Engine("free-flyer", GoToPose(), num_envs=2))
     VecNormalize(other).save(str(tmp_path / "vecnormalize.pkl"))

@@ -31,7 +31,7 @@ CONTROLLERS_OF_POSES = sorted(
 
 
 @pytest.mark.parametrize(("number", "name"), [*enumerate(CONTROLLERS_OF_POSES)])
-def test_flies_as_in_a_batch(number: int, name: str) -> None:
+def test_flies_as_in_a_batch(number, name):
     """By turns in our environment and in Drake's."""
     env_id = ("rans/GoToPose3D-v0", "rans/GoToPose2D-Drake-v0")[number % 2]
     env = gymnasium.make(env_id, disable_env_checker=False)
@@ -54,7 +54,7 @@ def test_flies_as_in_a_batch(number: int, name: str) -> None:
     assert np.array_equal(commands, flight.commands[:, 0])
 
 
-def test_arrives_and_flies_again() -> None:
+def test_arrives_and_flies_again():
     """The loop of docs/python.md; the second episode is flown as by a pilot who never flew before."""
     env = gymnasium.make("rans/GoToPose2D-v0")
     pilot = Pilot("switching", env)
@@ -71,7 +71,7 @@ def test_arrives_and_flies_again() -> None:
     assert flown[0] == flown[1]
 
 
-def test_an_agent_flies_what_it_was_made_for() -> None:
+def test_an_agent_flies_what_it_was_made_for():
     agent = load_policy(pretrained_folder("go-to-pose-2d"))
     env = gymnasium.make("rans/GoToPose2D-v0")
     pilot = Pilot(agent, env)

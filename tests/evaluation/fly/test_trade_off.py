@@ -30,7 +30,7 @@ def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFacto
 
 
 @pytest.mark.slow
-def test_it_flies_as_in_its_own_task(agent: str) -> None:
+def test_it_flies_as_in_its_own_task(agent):
     """The same starts, and there the same commands, though the plain task shows no trade-off."""
     flights = []
     for trade_off in ("0", "0.3", "1"):
@@ -48,7 +48,7 @@ def test_it_flies_as_in_its_own_task(agent: str) -> None:
     assert not np.array_equal(flights[0], flights[2])  # the trade-off is seen
 
 
-def test_who_needs_no_training_sees_no_trade_off() -> None:
+def test_who_needs_no_training_sees_no_trade_off():
     contest = contest_of("lqr:go-to-pose-priced-2d#0.3", 2)
     one = enlist("lqr:go-to-pose-priced-2d#0.3", contest)
     assert one.name == "LQR"

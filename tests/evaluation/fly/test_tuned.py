@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -23,7 +21,7 @@ FILES = sorted(SHIPPED.glob("*.json"))
 
 
 @pytest.mark.parametrize("file", FILES, ids=lambda file: file.stem)
-def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
+def test_what_ships_fits_what_it_was_tuned_for(file):
     found = Tuned.read(file)
     craft = parse_spacecraft(found.spacecraft, file.name)
     task = TASKS[found.task]()
@@ -47,18 +45,18 @@ def test_what_ships_fits_what_it_was_tuned_for(file: Path) -> None:
     ],
     ids=["mass", "tolerance", "task", "rate"],
 )
-def test_does_not_fit_another_setup(change: dict[str, Any]) -> None:
+def test_does_not_fit_another_setup(change):
     assert tuned("switching", SETUP) is not None
     assert tuned("switching", SETUP._replace(**change)) is None
 
 
-def test_fits_other_starts_and_lengths() -> None:
+def test_fits_other_starts_and_lengths():
     """What is judged from elsewhere and longer, as by protocols, is the same to a controller."""
     longer = SETUP._replace(task=SETUP.task.for_evaluation(), timing=Timing(episode_steps=250))
     assert tuned("switching", longer)
 
 
-def test_spacecraft_of_one_name_have_files_apart() -> None:
+def test_spacecraft_of_one_name_have_files_apart():
     """The name is whatever a user's file says, also a path."""
     task = TASKS["go-to-pose"]()
     known = load_spacecraft("floating-platform")
@@ -75,7 +73,7 @@ def test_spacecraft_of_one_name_have_files_apart() -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_of_own_ones_the_newest_serves() -> None:
+def test_of_own_ones_the_newest_serves():
     """An older version wrote the same by another name."""
     shipped = tuned("lqr", SETUP)
     assert shipped is not None
@@ -88,7 +86,7 @@ def test_of_own_ones_the_newest_serves() -> None:
 
 
 @pytest.mark.usefixtures("here")
-def test_own_goes_first() -> None:
+def test_own_goes_first():
     shipped = tuned("lqr", SETUP)
     assert shipped is not None
     own = replace(shipped, settings={"weights.position": 1.5})
@@ -105,7 +103,7 @@ def gained(
     """Takes a number of its own."""
 
 
-def test_a_setting_may_be_an_argument_itself() -> None:
+def test_a_setting_may_be_an_argument_itself():
     assert defaults(gained, ["gain"]) == {"gain": 0.6}
     assert arguments(gained, {"gain": 1.5}) == {"gain": 1.5}
     with pytest.raises(ConfigError, match="are not those of the controller"):
@@ -113,14 +111,14 @@ def test_a_setting_may_be_an_argument_itself() -> None:
 
 
 @pytest.mark.parametrize("key", ["gian", "weights", "weights.position", "craft", "gain.x"])
-def test_what_is_no_setting_is_a_sentence(key: str) -> None:
+def test_what_is_no_setting_is_a_sentence(key):
     with pytest.raises(
         ConfigError, match=f"names '{key}', which must be an argument of the controller"
     ):
         defaults(gained, [key])
 
 
-def test_settings_become_arguments() -> None:
+def test_settings_become_arguments():
     given = arguments(LQR, {"weights.position": 1.5, "deadband.spin": 0.2, "weights.spin": 0.3})
     assert given == {"weights": Weights(position=1.5, spin=0.3), "deadband": Deadband(spin=0.2)}
     usual = {"weights.position": 0.6, "deadband.share": 0.8}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import math
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -65,13 +64,13 @@ def printed(measured: Metrics, width: int) -> list[list[str]]:
     ]
 
 
-def test_every_line_of_two_episodes() -> None:
+def test_every_line_of_two_episodes():
     lines = [" | ".join((group, *texts)) for group, texts in measure(two_episodes()).lines()]
     assert lines[:-1] == LINES.splitlines()
     assert lines[-1].startswith("effort | return | ")
 
 
-def test_lines_of_a_tracker_have_their_units() -> None:
+def test_lines_of_a_tracker_have_their_units():
     """Twelve steps of half a second: after 5 s only 0.25 and 0.75 m/s count."""
     flight = flight_of(np.ones((13, 1)), 0.0, spin=-0.2, task=TrackNothing())
     speed = np.array([9.0] * 11 + [0.25, 0.75])[:, None]
@@ -85,7 +84,7 @@ def test_lines_of_a_tracker_have_their_units() -> None:
     assert shown["VT10 / 5 / 2 / 1"] == "0 / 0 / 0 / 0 %"
 
 
-def test_a_narrow_terminal_breaks_no_figure() -> None:
+def test_a_narrow_terminal_breaks_no_figure():
     text = "\n".join(" | ".join(line) for line in printed(measure(two_episodes()), 80))
     assert "85 / 25 / 15 %" in text
     assert "…" not in text
@@ -93,13 +92,13 @@ def test_a_narrow_terminal_breaks_no_figure() -> None:
     assert "A terminal of 110 columns or more shows what each of them means." in text
 
 
-def test_the_widest_of_several_intervals_is_shown() -> None:
+def test_the_widest_of_several_intervals_is_shown():
     rows = tuple(Metric("g", f"P{k}", "m", "%", 50.0, 50.0 - k, 50.0 + k / 2) for k in (1, 7, 3))
     ((_, texts),) = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
     assert texts == ("P1 / 7 / 3", "50 / 50 / 50 %", "up to ± 7", "m")
 
 
-def test_a_metric_that_is_not_there_is_told_with_those_that_are() -> None:
+def test_a_metric_that_is_not_there_is_told_with_those_that_are():
     measured = measure(two_episodes())
     assert measured["PT10"].value == 90.0
     with pytest.raises(KeyError, match=r"no metric 'solvd' \(did you mean solved\?\).* PT10, "):
@@ -115,15 +114,13 @@ def test_a_metric_that_is_not_there_is_told_with_those_that_are() -> None:
         ([(6.0, 5.0, 8.0), (7.0, 6.0, math.inf)], "up to never"),
     ],
 )
-def test_intervals_of_times_that_never_come(
-    estimates: list[tuple[float, float, float]], limits: str
-) -> None:
+def test_intervals_of_times_that_never_come(estimates, limits):
     rows = tuple(Metric("g", "arrival", "m", "s", *estimate) for estimate in estimates)
     ((_, texts),) = Metrics("c", "fast", "s", 1, 1, 0.2, rows).lines()
     assert texts[2] == limits
 
 
-def test_every_metric_of_every_episode(tmp_path: Path) -> None:
+def test_every_metric_of_every_episode(tmp_path):
     flight = two_episodes()
     file = tmp_path / "episodes.npz"
     save_episodes(flight, file)
@@ -141,7 +138,7 @@ def test_every_metric_of_every_episode(tmp_path: Path) -> None:
     assert "states" not in episodes
 
 
-def test_trajectories_of_both_dimensions(tmp_path: Path) -> None:
+def test_trajectories_of_both_dimensions(tmp_path):
     for dimension in (2, 3):
         loaded = contestant(f"lqr:go-to-pose-{dimension}d")
         craft = loaded.craft

@@ -20,7 +20,7 @@ def moved(flight: Any, way: Any) -> Any:
     return replace(flight, states=states, engine="drake")
 
 
-def test_equal_flights_agree() -> None:
+def test_equal_flights_agree():
     flight = many_episodes(40)
     comparison = compare_engines(flight, replace(flight, engine="drake"))
     assert comparison.passed
@@ -29,7 +29,7 @@ def test_equal_flights_agree() -> None:
 
 
 @pytest.mark.parametrize(("way", "agrees"), [(0.9e-3, True), (1.1e-3, False)])
-def test_a_millimetre_is_the_bound_of_the_position(way: float, agrees: bool) -> None:
+def test_a_millimetre_is_the_bound_of_the_position(way, agrees):
     flight = many_episodes(40)
     comparison = compare_engines(flight, moved(flight, way))
     pair = {p.name: p for p in comparison.pairs}["position error"]
@@ -37,12 +37,12 @@ def test_a_millimetre_is_the_bound_of_the_position(way: float, agrees: bool) -> 
     assert (pair.passed, comparison.passed) == (agrees, agrees)
 
 
-def test_an_engine_that_loses_its_numbers_disagrees() -> None:
+def test_an_engine_that_loses_its_numbers_disagrees():
     flight = many_episodes(8)
     assert compare_engines(flight, moved(flight, np.nan)).passed is False
 
 
-def test_fewer_solved_than_the_interval_allows_fail() -> None:
+def test_fewer_solved_than_the_interval_allows_fail():
     """40 of 40 solved have the interval 91.2 % to 100 %: 37 may be, 36 may not."""
     flight = many_episodes(40)
     flight = replace(
@@ -67,7 +67,7 @@ def test_fewer_solved_than_the_interval_allows_fail() -> None:
     ids=["attitude", "velocity", "spin"],
 )
 @pytest.mark.parametrize("share", [0.9, 1.1])
-def test_bounds_of_the_others(task: Any, bound: dict[str, Any], share: float) -> None:
+def test_bounds_of_the_others(task, bound, share):
     still: dict[str, Any] = {"distance": np.ones((11, 1)), "error_degrees": 0.0, "task": task}
     flown: dict[str, Any] = still | {name: share * np.array(value) for name, value in bound.items()}
     assert compare_engines(flight_of(**still), flight_of(**flown)).passed is (share < 1.0)

@@ -18,7 +18,7 @@ from rans.evaluation.measure.metrics import (
     worst_errors,
 )
 from rans.files import plain
-from rans.model.actuators import Actuators, Pulsed, Throttle
+from rans.model.actuators import Pulsed, Throttle
 from tests.support.evaluation_flights import TrackNothing, flight_of, two_episodes
 
 # Distances at random, among them many close to the tolerance of 5 cm.
@@ -29,7 +29,7 @@ distances = hnp.arrays(
 )
 
 
-def test_stay_is_lost_beyond_seven_and_a_half_times_the_threshold() -> None:
+def test_stay_is_lost_beyond_seven_and_a_half_times_the_threshold():
     """Thresholds of 2 cm and 15 cm: stays; leaves; was far only before; never comes close."""
     distance = np.transpose(
         [[1.0, 0.01, 0.14], [1.0, 0.01, 0.16], [1.0, 0.5, 0.01], [0.1, 0.1, 0.1]]
@@ -37,7 +37,7 @@ def test_stay_is_lost_beyond_seven_and_a_half_times_the_threshold() -> None:
     assert measure(flight_of(distance, 0.0))["stay 15 cm"].value == 50.0
 
 
-def test_the_goal_set_by_hand() -> None:
+def test_the_goal_set_by_hand():
     """Below 5 cm: first at 0.5 s, then lost at 1 s; lost at the end; and never left again."""
     leaves = [1.0, 0.04, 0.06, 0.04, 0.01]
     ends_outside = [1.0, 0.04, 0.04, 0.04, 0.06]
@@ -47,7 +47,7 @@ def test_the_goal_set_by_hand() -> None:
     assert measured["stays in the goal set"].value == pytest.approx(100 / 3)
 
 
-def test_a_flight_that_failed_does_not_stay() -> None:
+def test_a_flight_that_failed_does_not_stay():
     """Beyond 8 m the task is lost, whatever follows."""
     flight = flight_of(np.transpose([[9.0, 9.0, 0.01, 0.01]]), 0.0)
     assert arrival_times(flight).tolist() == [1.0]
@@ -55,7 +55,7 @@ def test_a_flight_that_failed_does_not_stay() -> None:
 
 
 @given(distances)
-def test_settling_times_agree_with_a_search(distance: np.ndarray) -> None:
+def test_settling_times_agree_with_a_search(distance):
     flight = flight_of(distance, 0.0)
     for path, found in zip(distance.T, settling_times(flight), strict=True):
         candidates = [k for k in range(len(path)) if (path[k:] < 0.05).all()]
@@ -65,13 +65,13 @@ def test_settling_times_agree_with_a_search(distance: np.ndarray) -> None:
 
 
 @pytest.mark.parametrize(("inside", "solved"), [(5, 100.0), (4, 0.0)])
-def test_last_fifth_of_25_steps_is_5(inside: int, solved: float) -> None:
+def test_last_fifth_of_25_steps_is_5(inside, solved):
     distance = np.ones((26, 1))
     distance[-inside:] = 0.01
     assert measure(flight_of(distance, 0.0))["solved"].value == solved
 
 
-def test_an_episode_that_fails_and_recovers_is_neither_settled_nor_solved() -> None:
+def test_an_episode_that_fails_and_recovers_is_neither_settled_nor_solved():
     distance = np.full((6, 4), 0.01)
     distance[2, 1] = 8.5  # the task fails beyond 8 m
     measured = measure(flight_of(distance, 0.0))
@@ -79,13 +79,13 @@ def test_an_episode_that_fails_and_recovers_is_neither_settled_nor_solved() -> N
     assert measured["solved"].value == 75.0
 
 
-def test_json_round_trip_with_infinite_values() -> None:
+def test_json_round_trip_with_infinite_values():
     measured = measure(two_episodes())
     text = json.dumps(plain(measured.to_json()), allow_nan=False)
     assert Metrics.from_json(json.loads(text)) == measured
 
 
-def test_nan_states_are_never_successes() -> None:
+def test_nan_states_are_never_successes():
     distance = np.full((6, 2), 0.01)
     distance[3:, 1] = np.nan
     measured = measure(flight_of(distance, 0.0))
@@ -105,20 +105,20 @@ def test_nan_states_are_never_successes() -> None:
         ("spin", 0.1),
     ],
 )
-def test_grades_of_holding_a_speed(name: str, value: float) -> None:
+def test_grades_of_holding_a_speed(name, value):
     """6 cm/s and 5.7 degrees/s all the time."""
     flight = flight_of(np.ones((11, 1)), 0.0, speed=(0.06, 0.0), spin=-0.1, task=TrackNothing())
     assert measure(flight)[name].value == pytest.approx(value)
 
 
-def test_solved_in_the_mean_by_hand() -> None:
+def test_solved_in_the_mean_by_hand():
     """The last two of ten steps are 4 and 7 cm away, 5.5 cm in the mean, and 4 and 5.9 cm, 4.95 cm."""
     distance = np.full((11, 2), 0.04)
     distance[-1] = 0.07, 0.059
     assert measure(flight_of(distance, 0.0))["solved in the mean"].value == 50.0
 
 
-def test_duty_at_rest_is_that_of_the_last_fifth() -> None:
+def test_duty_at_rest_is_that_of_the_last_fifth():
     """Ten steps: 8 thrusters open in the seventh and eighth, 2 of 8 in the last."""
     commands = np.zeros((10, 1, 8))
     commands[6:8] = 1.0
@@ -139,9 +139,7 @@ def test_duty_at_rest_is_that_of_the_last_fifth() -> None:
         (Throttle(least=0.1), 2, 0.2 + 0.6 + 0.6 + 1.0 + 0.96 + 1.0),
     ],
 )
-def test_effort_is_of_what_valves_give_not_of_commands(
-    actuators: Actuators, openings: int, seconds: float
-) -> None:
+def test_effort_is_of_what_valves_give_not_of_commands(actuators, openings, seconds):
     """One thruster of eight with another duty cycle or level in each of eight periods."""
     commands = np.zeros((8, 1, 8))
     commands[:, 0, 3] = 0.0, 0.2, 0.6, 0.6, 1.0, 0.96, 0.0, 1.0
@@ -156,7 +154,7 @@ def test_effort_is_of_what_valves_give_not_of_commands(
     assert measured["duty"].value == pytest.approx(100.0 * seconds / 64.0)
 
 
-def test_the_worst_of_a_state_that_was_lost_is_infinite() -> None:
+def test_the_worst_of_a_state_that_was_lost_is_infinite():
     """Of 10 steps the last two count: up to 4 of 5 cm, and 2.5 of 5 degrees; the second is lost at last."""
     distance = np.full((11, 2), 9.0)
     distance[-2:] = [[0.02, 0.01], [0.04, np.nan]]

@@ -15,7 +15,7 @@ from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, shar
 RANDOM = np.random.default_rng(7)
 
 
-def test_median_counts_who_never_arrives() -> None:
+def test_median_counts_who_never_arrives():
     """Of 3, 5, never and never the middle ones are 5 and never, of which the larger half never arrives."""
     bootstrap = Bootstrap(5)
     assert bootstrap.median(np.array([3.0, 5.0, 4.0, math.inf, math.inf])).value == 5.0
@@ -26,7 +26,7 @@ def test_median_counts_who_never_arrives() -> None:
 
 
 @pytest.mark.parametrize("centre", [np.mean, np.median])
-def test_interval_is_that_of_scipy(centre: object) -> None:
+def test_interval_is_that_of_scipy(centre):
     values = RANDOM.lognormal(size=60)
     ours = Bootstrap(60).mean(values) if centre is np.mean else Bootstrap(60).median(values)
     theirs = stats.bootstrap(
@@ -38,7 +38,7 @@ def test_interval_is_that_of_scipy(centre: object) -> None:
     assert ours.high == pytest.approx(theirs.high, abs=0.15 * width)
 
 
-def test_means_of_several_columns_are_of_the_same_draws() -> None:
+def test_means_of_several_columns_are_of_the_same_draws():
     values = RANDOM.lognormal(size=(60, 1)) * [1.0, 3.0]
     bootstrap = Bootstrap(60)
     drawn = bootstrap.means(values)
@@ -48,7 +48,7 @@ def test_means_of_several_columns_are_of_the_same_draws() -> None:
     assert (low, high) == pytest.approx((one.low, one.high), rel=1e-12)
 
 
-def test_differences_are_paired() -> None:
+def test_differences_are_paired():
     """A constant advantage is known exactly however much the starts differ."""
     easy_and_hard = RANDOM.uniform(1.0, 100.0, 40)
     difference = Bootstrap(40).difference(easy_and_hard + 0.25, easy_and_hard)
@@ -57,7 +57,7 @@ def test_differences_are_paired() -> None:
     assert difference.text("+.3g") != "0"
 
 
-def test_difference_to_who_never_arrives() -> None:
+def test_difference_to_who_never_arrives():
     never = np.full(9, math.inf)
     late = np.full(9, 7.0)
     bootstrap = Bootstrap(9)
@@ -68,7 +68,7 @@ def test_difference_to_who_never_arrives() -> None:
 
 @settings(deadline=None)  # SciPy's search for a p-value takes longer in its first call
 @given(st.integers(1, 10_000), st.floats(0.0, 1.0))
-def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:
+def test_wilsons_interval_is_that_of_scipy(count, part):
     successes = round(part * count)
     theirs = stats.binomtest(successes, count).proportion_ci(method="wilson")
     ours = share(np.arange(count) < successes)
@@ -77,7 +77,7 @@ def test_wilsons_interval_is_that_of_scipy(count: int, part: float) -> None:
     assert 0.0 <= ours.low <= ours.value <= ours.high <= 1.0
 
 
-def test_a_ratio_is_of_means_and_its_interval_too() -> None:
+def test_a_ratio_is_of_means_and_its_interval_too():
     """Half of the starts give 1 of 1, half 1 of 9: 100 of 500 are 20 %, the mean of the ratios is 56 %.
 
     The reference's mean is 5 with a standard error of 4 / sqrt(100): the ends are 1 / 5.8 and 1 / 4.2.
@@ -88,7 +88,7 @@ def test_a_ratio_is_of_means_and_its_interval_too() -> None:
     assert (found.low, found.high) == pytest.approx((1 / 5.78, 1 / 4.22), rel=0.035)
 
 
-def test_texts_of_estimates() -> None:
+def test_texts_of_estimates():
     assert Estimate(2.0, 1.0, math.inf).text() == "2 (1 to never)"
     assert Estimate(1.23456, 1.23456, 1.23456).text() == "1.23"
     assert Estimate(5.0, 2.0, 2.0).text() == "5 (2 to 2)"
@@ -111,5 +111,5 @@ def test_texts_of_estimates() -> None:
         (math.nan, "-"),
     ],
 )
-def test_thousands_have_no_exponent(value: float, text: str) -> None:
+def test_thousands_have_no_exponent(value, text):
     assert figure(value) == text

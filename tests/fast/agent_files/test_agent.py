@@ -58,7 +58,7 @@ def zipped(name: str, folder: Path) -> Path:
 
 
 @pytest.mark.parametrize("name", shipped_agents())
-def test_it_is_the_agent_that_sb3_unpickles(name: str, tmp_path: Path) -> None:
+def test_it_is_the_agent_that_sb3_unpickles(name, tmp_path):
     """Every bit of it."""
     folder = zipped(name, tmp_path / "agent")
     data, parameters, _ = load_from_zip_file(folder / "policy.zip", device="cpu")
@@ -92,7 +92,7 @@ def test_it_is_the_agent_that_sb3_unpickles(name: str, tmp_path: Path) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_code_in_its_pickles_is_not_run(folder: Path, tmp_path: Path) -> None:
+def test_code_in_its_pickles_is_not_run(folder, tmp_path):
     file = folder / "policy.zip"
     ran = tmp_path / "ran"
     before = opened(folder).network.tensors
@@ -106,7 +106,7 @@ def test_code_in_its_pickles_is_not_run(folder: Path, tmp_path: Path) -> None:
     assert ran.exists()
 
 
-def test_pickles_alone_are_refused_with_what_to_do(folder: Path) -> None:
+def test_pickles_alone_are_refused_with_what_to_do(folder):
     """As early versions of RANS wrote them, and as Stable-Baselines3 does."""
     older(folder / "policy.zip")
     with pytest.raises(ConfigError, match=r"holds no agent\.safetensors.* [Tt]rain the agent anew"):
@@ -114,7 +114,7 @@ def test_pickles_alone_are_refused_with_what_to_do(folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-3d-faults", "go-to-pose-3d-robust"])
-def test_what_flies_is_kept_of_an_agent_and_no_more(name: str, tmp_path: Path) -> None:
+def test_what_flies_is_kept_of_an_agent_and_no_more(name, tmp_path):
     """Commands of an agent without its critic, which may have had layers of its own, are the agent's."""
     shipped = read_policy(RunFolder(pretrained_folder(name)).agent_file).network
     given = replace(shipped.architecture, privileged=3, nominal=(1.0, 2.0, 3.0))
@@ -152,7 +152,7 @@ def add(file: Path, name: str, content: bytes, method: int = zipfile.ZIP_DEFLATE
         archive.writestr(name, content)
 
 
-def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bomb_is_not_unpacked(folder, monkeypatch):
     """Much in little, of which no member is too large alone."""
     monkeypatch.setattr(archives, "_LARGEST", 10 * 2**20)
     for name in ("one", "two"):
@@ -164,16 +164,14 @@ def test_a_bomb_is_not_unpacked(folder: Path, monkeypatch: pytest.MonkeyPatch) -
         opened(folder)
 
 
-def test_what_is_as_large_on_the_disk_is_opened(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_as_large_on_the_disk_is_opened(folder, monkeypatch):
     """Such an agent is large, but no bomb."""
     monkeypatch.setattr(archives, "_LARGEST", 2**20)
     add(folder / "policy.zip", "more", os.urandom(2**21), zipfile.ZIP_STORED)
     opened(folder)
 
 
-def test_a_member_that_is_more_than_it_says(folder: Path) -> None:
+def test_a_member_that_is_more_than_it_says(folder):
     """Its place in the list of members has another size; no more than a chunk of it is unpacked at once."""
     file = folder / "policy.zip"
     true = len(MUCH).to_bytes(4, "little")
@@ -187,14 +185,14 @@ def test_a_member_that_is_more_than_it_says(folder: Path) -> None:
     assert peak < len(MUCH) // 2
 
 
-def test_members_are_packed_as_agents_are(folder: Path) -> None:
+def test_members_are_packed_as_agents_are(folder):
     """How much other methods unpack at once has no bound."""
     add(folder / "policy.zip", "more", b"", zipfile.ZIP_LZMA)
     with pytest.raises(ConfigError, match="another method than deflation"):
         opened(folder)
 
 
-def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch):
     content = pack_tensors({"steps": 1, "more": "x" * 2000})
     assert unpack_tensors(content, "here")["steps"] == 1
     monkeypatch.setattr(tensor_file, "_LARGEST_HEADER", 2000)
@@ -205,7 +203,7 @@ def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch: pytest.Monkey
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, 1e300])
-def test_weights_that_are_not_finite_are_told_by_name(folder: Path, value: float) -> None:
+def test_weights_that_are_not_finite_are_told_by_name(folder, value):
     """At once, or in single precision."""
 
     def spoil(table: dict[str, Any]) -> None:
@@ -304,11 +302,11 @@ def own_filters(**changes: Any) -> Callable[[dict[str, Any]], object]:
     ],
 )
 def test_a_table_that_somebody_changed(
-    request: pytest.FixtureRequest,
-    number: int,
-    change: Callable[[dict[str, Any]], object],
-    sentence: str,
-) -> None:
+    request,
+    number,
+    change,
+    sentence,
+):
     """By turns in both forms of a file: what is refused in a table does not depend on them."""
     form = ("folder", "alone")[number % 2]
     text = spoilt(request.getfixturevalue(form), change)
@@ -333,14 +331,12 @@ def test_a_table_that_somebody_changed(
         ),
     ],
 )
-def test_a_critic_that_somebody_changed(
-    folder: Path, change: Callable[[dict[str, Any]], object], sentence: str
-) -> None:
+def test_a_critic_that_somebody_changed(folder, change, sentence):
     """One that is left out may not claim layers of its own, which would be made of zeros."""
     assert sentence in spoilt(folder, change)
 
 
-def test_the_header_is_readable_without_us(alone: Path) -> None:
+def test_the_header_is_readable_without_us(alone):
     """Length, JSON, arrays: as the format of safetensors has it, with any library for it."""
     content = (alone / AGENT).read_bytes()
     header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])

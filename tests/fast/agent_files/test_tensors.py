@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -15,7 +13,7 @@ from rans import ConfigError
 from rans.fast.agent_files.tensors import _checksum, pack_tensors, unpack_tensors
 
 
-def test_what_is_packed_comes_back() -> None:
+def test_what_is_packed_comes_back():
     generator = torch.get_rng_state()
     row = torch.arange(12.0)
     tree = {
@@ -39,7 +37,7 @@ def test_what_is_packed_comes_back() -> None:
     assert plain == {key: tree[key] for key in plain}
 
 
-def test_every_bit_counts(tmp_path: Path) -> None:
+def test_every_bit_counts(tmp_path):
     content = pack_tensors(
         {"steps": 128, "weights": torch.arange(5.0), "flags": torch.tensor([True, False])}
     )
@@ -59,9 +57,7 @@ def test_every_bit_counts(tmp_path: Path) -> None:
         ({"rows": [{"$tensor": "rows/1"}, {"$tensor": "rows/0"}]}, ("rows/0", "rows/1")),
     ],
 )
-def test_a_tensor_that_is_not_where_its_name_says_is_refused(
-    table: dict[str, Any], names: tuple[str, ...]
-) -> None:
+def test_a_tensor_that_is_not_where_its_name_says_is_refused(table, names):
     """Who reads tensors by name and who reads the table would read different weights."""
     tensors = {name: torch.full((2,), float(k)) for k, name in enumerate(names)}
     text = json.dumps(table)

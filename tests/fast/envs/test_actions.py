@@ -42,13 +42,13 @@ def _envs() -> dict[str, tuple[Any, Tensor]]:
 
 @pytest.mark.parametrize("kind", ODD)
 @pytest.mark.filterwarnings("ignore")  # torch says of most that they are prototypes
-def test_what_is_no_ordinary_tensor_is_refused(kind: str) -> None:
+def test_what_is_no_ordinary_tensor_is_refused(kind):
     for env, action in _envs().values():
         with pytest.raises(ConfigError, match=rf"must be ordinary tensors, got a \S*{kind} one"):
             env.step(ODD[kind](action))
 
 
-def test_complex_ones_are_refused_and_those_that_are_negated_later_taken() -> None:
+def test_complex_ones_are_refused_and_those_that_are_negated_later_taken():
     for env, action in _envs().values():
         for odd in (action.to(torch.complex64), action.to(torch.complex64).conj()):
             with pytest.raises(ConfigError, match=r"0 \(shut\) or 1 \(open\)"):
@@ -58,7 +58,7 @@ def test_complex_ones_are_refused_and_those_that_are_negated_later_taken() -> No
         env.step(later)
 
 
-def test_ordinary_ones_are_not_copied() -> None:
+def test_ordinary_ones_are_not_copied():
     given = torch.zeros(COUNT, 8, requires_grad=True)
     assert dense(given).data_ptr() == given.data_ptr()
     assert not dense(given).requires_grad

@@ -25,7 +25,7 @@ def commands(env: SB3VecEnv, steps: int) -> np.ndarray:
 
 
 @both_crafts
-def test_it_says_what_the_engine_does(craft: Any) -> None:
+def test_it_says_what_the_engine_does(craft):
     env = make(craft)
     engine = Engine(craft, LENIENT, 16, SHORT)
     env.seed(4)
@@ -50,7 +50,7 @@ def test_it_says_what_the_engine_does(craft: Any) -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_arrays_are_what_sb3_keeps(dtype: torch.dtype) -> None:
+def test_arrays_are_what_sb3_keeps(dtype):
     env = make(dtype=dtype)
     first: Any = env.reset()
     observation, reward, done, infos = env.step(np.zeros((16, 8), dtype=np.int64))
@@ -59,7 +59,7 @@ def test_arrays_are_what_sb3_keeps(dtype: torch.dtype) -> None:
     assert len({id(info) for info in infos}) == 16  # wrappers write into them
 
 
-def test_a_seed_counts_once() -> None:
+def test_a_seed_counts_once():
     env = make()
     env.seed(3)
     first = np.asarray(env.reset())
@@ -70,7 +70,7 @@ def test_a_seed_counts_once() -> None:
     np.testing.assert_array_equal(env.reset(), second)  # type: ignore[arg-type]
 
 
-def test_attributes_are_those_of_the_batch() -> None:
+def test_attributes_are_those_of_the_batch():
     env = make(count=3)
     assert env.get_attr("engine") == [env.engine] * 3
     assert env.get_attr("engine", indices=[0, 2]) == [env.engine] * 2
@@ -81,7 +81,7 @@ def test_attributes_are_those_of_the_batch() -> None:
     env.close()
 
 
-def test_ended_episodes_are_logged_without_a_monitor() -> None:
+def test_ended_episodes_are_logged_without_a_monitor():
     """As many steps as an episode has; the return is the sum of the rewards that were handed out."""
     engine = rans.Engine("floating-platform", "go-to-pose", 3, rans.Timing(episode_steps=5))
     env = rans.SB3VecEnv(engine)
@@ -99,7 +99,7 @@ def test_ended_episodes_are_logged_without_a_monitor() -> None:
             assert info["episode"]["r"] == pytest.approx(total[number], abs=1e-5)
 
 
-def test_an_option_that_it_has_not_is_a_sentence() -> None:
+def test_an_option_that_it_has_not_is_a_sentence():
     """Once: the next reset has none."""
     env = make(count=2)
     for options in ({"scenario": 1}, [{}, {"scenario": 1}]):

@@ -15,7 +15,6 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import rans
 from rans import ConfigError, SpacecraftEnv, Timing
-from rans.model.dynamics import PlanarState
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, gymnasium_ids, observation
@@ -44,7 +43,7 @@ def first_observation(env: SpacecraftEnv, seed: int, episode: int) -> np.ndarray
 
 
 @pytest.mark.slow
-def test_every_registered_id_is_made_and_every_task_has_its_ids() -> None:
+def test_every_registered_id_is_made_and_every_task_has_its_ids():
     ids = [name for name in gymnasium.registry if name.startswith("rans/")]
     assert {"rans/GoToXY-v0", "rans/TrackXYZVelocityAttitude-Drake-v0"} < set(ids)
     assert len(ids) == 2 * sum(len(kind.dimensions) for kind in TASKS.values())
@@ -53,13 +52,13 @@ def test_every_registered_id_is_made_and_every_task_has_its_ids() -> None:
 
 
 @ALL_IDS
-def test_gymnasium_and_sb3_find_nothing_wrong(name: str) -> None:
+def test_gymnasium_and_sb3_find_nothing_wrong(name):
     check_env(make(name, render_mode="rgb_array"))
     check_env_for_sb3(make(name))
 
 
 @TWO_IDS
-def test_results_are_plain_numbers(name: str) -> None:
+def test_results_are_plain_numbers(name):
     env = make(name)
     _, info = env.reset(seed=1)
     assert info.keys() == {"errors"}
@@ -80,7 +79,7 @@ def test_results_are_plain_numbers(name: str) -> None:
         (planar(heading=math.radians(5.1)), False),
     ],
 )
-def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: bool) -> None:
+def test_success_is_to_be_there_when_time_is_up(start, success):
     env = make(timing=Timing(episode_steps=2))
     env.reset(options={"scenario": Scenario(start, planar())})
     env.step(SHUT)
@@ -88,7 +87,7 @@ def test_success_is_to_be_there_when_time_is_up(start: PlanarState, success: boo
 
 
 @TWO_IDS
-def test_seed_starts_episode_0_and_resets_count_on(name: str) -> None:
+def test_seed_starts_episode_0_and_resets_count_on(name):
     env = make(name)
     for seed in (3, 2**40):
         for episode in range(3):
@@ -96,7 +95,7 @@ def test_seed_starts_episode_0_and_resets_count_on(name: str) -> None:
             np.testing.assert_array_equal(seen, first_observation(env, seed, episode))
 
 
-def test_without_a_seed_episodes_are_random() -> None:
+def test_without_a_seed_episodes_are_random():
     assert (make().reset()[0] != make().reset()[0]).any()
     first = make()
     second = make()
@@ -107,7 +106,7 @@ def test_without_a_seed_episodes_are_random() -> None:
 
 
 @TWO_IDS
-def test_a_given_scenario_is_flown(name: str) -> None:
+def test_a_given_scenario_is_flown(name):
     env = make(name)
     chosen = scenario(env.task, env.craft.dimension, 8, 5)
     seen, _ = env.reset(seed=1, options={"scenario": chosen})
@@ -132,14 +131,14 @@ def test_a_given_scenario_is_flown(name: str) -> None:
         None,
     ],
 )
-def test_wrong_actions(action: Any) -> None:
+def test_wrong_actions(action):
     env = make()
     env.reset(seed=1)
     with pytest.raises(ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster"):
         env.step(action)
 
 
-def test_actions_may_be_lists_truth_values_and_tensors() -> None:
+def test_actions_may_be_lists_truth_values_and_tensors():
     results = []
     for action in (
         [1, 0] * 4,
@@ -155,7 +154,7 @@ def test_actions_may_be_lists_truth_values_and_tensors() -> None:
         np.testing.assert_array_equal(results[0], result)
 
 
-def test_a_users_own_spacecraft(tmp_path: Path) -> None:
+def test_a_users_own_spacecraft(tmp_path):
     own = tmp_path / "mine.toml"
     shipped = Path(rans.__file__).parent / "data" / "spacecraft" / "floating-platform.toml"
     own.write_text(shipped.read_text("utf-8").replace('"floating-platform"', '"mine"'), "utf-8")
@@ -165,14 +164,14 @@ def test_a_users_own_spacecraft(tmp_path: Path) -> None:
     assert make(spacecraft=lonely).action_space.shape == (9,)
 
 
-def test_reset_comes_first() -> None:
+def test_reset_comes_first():
     for call in (lambda env: env.step(SHUT), lambda env: env.render()):
         with pytest.raises(ResetNeeded, match="call reset"):
             call(make(render_mode="rgb_array"))
 
 
 @TWO_IDS
-def test_frames_follow_the_flight(name: str) -> None:
+def test_frames_follow_the_flight(name):
     env = make(name, render_mode="rgb_array", timing=Timing(control_period=0.5))
     assert env.metadata["render_fps"] == 2.0
     env.reset(seed=1)
@@ -187,13 +186,13 @@ def test_frames_follow_the_flight(name: str) -> None:
     np.testing.assert_array_equal(env.render(), first)
 
 
-def test_no_render_mode_no_frame() -> None:
+def test_no_render_mode_no_frame():
     env = make()
     env.reset(seed=1)
     assert env.render() is None
 
 
-def test_the_single_environment_needs_no_torch() -> None:
+def test_the_single_environment_needs_no_torch():
     """Nor does the user need to import rans: Gymnasium's "module:id" does."""
     program = (
         f"import gymnasium; env = gymnasium.make('rans:{PLANE}'); env.reset(seed=1); "
@@ -202,7 +201,7 @@ def test_the_single_environment_needs_no_torch() -> None:
     assert {"torch", "matplotlib", "stable_baselines3"} & loaded(program) == set()
 
 
-def test_the_spec_knows_the_length_of_an_episode() -> None:
+def test_the_spec_knows_the_length_of_an_episode():
     """Gymnasium's wrapper that observes the time needs it."""
     env = gymnasium.make("rans/GoToPose2D-v0", timing=rans.Timing(episode_steps=7))
     assert env.spec is not None

@@ -32,7 +32,7 @@ def commands(env: SpacecraftVectorEnv, steps: int) -> Tensor:
 
 
 @BOTH_IDS
-def test_what_gymnasium_asks_of_it(name: str) -> None:
+def test_what_gymnasium_asks_of_it(name):
     env = make(name)
     single = gymnasium.make(name)
     assert env.num_envs == 6
@@ -49,7 +49,7 @@ def test_what_gymnasium_asks_of_it(name: str) -> None:
 
 
 @BOTH_IDS
-def test_frames_are_those_of_single_environments(name: str) -> None:
+def test_frames_are_those_of_single_environments(name):
     many = make(name, 2, dtype=torch.float64, render_mode="rgb_array")
     single = gymnasium.make(name, task=NEAR, timing=SHORT, render_mode="rgb_array")
     many.reset(seed=3)
@@ -62,7 +62,7 @@ def test_frames_are_those_of_single_environments(name: str) -> None:
 
 @BOTH_IDS
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-def test_shapes_and_types(name: str, dtype: torch.dtype) -> None:
+def test_shapes_and_types(name, dtype):
     env = make(name, dtype=dtype)
     seen, info = env.reset(seed=1)
     assert info == {}
@@ -83,7 +83,7 @@ def test_shapes_and_types(name: str, dtype: torch.dtype) -> None:
     torch.testing.assert_close(sum(terms), results[1])
 
 
-def test_without_a_seed_episodes_are_random() -> None:
+def test_without_a_seed_episodes_are_random():
     def unseeded(generator: np.random.Generator | None = None) -> Tensor:
         env = make()
         if generator is not None:
@@ -94,7 +94,7 @@ def test_without_a_seed_episodes_are_random() -> None:
     assert torch.equal(unseeded(np.random.default_rng(1)), unseeded(np.random.default_rng(1)))
 
 
-def test_wrong_arguments() -> None:
+def test_wrong_arguments():
     env = make()
     with pytest.raises(ConfigError, match="one of SAME_STEP, NEXT_STEP, got 'disabled'"):
         make(autoreset_mode="disabled")
@@ -109,9 +109,7 @@ def test_wrong_arguments() -> None:
 
 
 @pytest.mark.parametrize("beyond", [1.0 + 2.4e-7, -1.0 - 2.4e-7])
-def test_rounding_does_not_break_the_bounds_of_observations(
-    beyond: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_rounding_does_not_break_the_bounds_of_observations(beyond, monkeypatch):
     """Rotations are known to come out 2.4e-7 beyond 1; here every column does, in all three environments."""
     space = observation_space(GoToPose(), 2)
     bounded = space.high < 2.0

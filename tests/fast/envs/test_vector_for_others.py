@@ -59,7 +59,7 @@ SEED = 2**63 + 5
 @pytest.mark.parametrize(
     ("mode", "conditions"), [(AutoresetMode.SAME_STEP, None), (AutoresetMode.NEXT_STEP, "lab")]
 )
-def test_every_mode_is_gymnasiums_own(mode: AutoresetMode, conditions: str | None) -> None:
+def test_every_mode_is_gymnasiums_own(mode, conditions):
     """Observation, reward and ends of 50 steps."""
     ours = make(autoreset_mode=mode, dtype=torch.float64, conditions=conditions)
     theirs = sync(mode, conditions)
@@ -92,7 +92,7 @@ def test_every_mode_is_gymnasiums_own(mode: AutoresetMode, conditions: str | Non
     assert won or mode != AutoresetMode.SAME_STEP
 
 
-def test_seeds_are_whole_numbers_of_any_kind() -> None:
+def test_seeds_are_whole_numbers_of_any_kind():
     env = make()
     first = env.reset(seed=3)[0].clone()
     assert (env.reset()[0] != first).any(dim=1).all()  # episodes are counted on
@@ -102,7 +102,7 @@ def test_seeds_are_whole_numbers_of_any_kind() -> None:
             env.reset(seed=wrong)  # type: ignore[arg-type]
 
 
-def test_observations_are_contiguous_and_the_length_of_episodes_is_told() -> None:
+def test_observations_are_contiguous_and_the_length_of_episodes_is_told():
     env = make()
     assert env.reset(seed=1)[0].is_contiguous()
     assert env.step(actions()[0])[0].is_contiguous()
@@ -124,14 +124,14 @@ def _mean_return(action: Callable[[np.ndarray], np.ndarray]) -> tuple[float, flo
     return total, env.spec.reward_threshold
 
 
-def test_the_reward_threshold_tells_good_agents_from_idle_ones() -> None:
+def test_the_reward_threshold_tells_good_agents_from_idle_ones():
     agent = rans.load_agent("go-to-pose-2d")
     good, threshold = _mean_return(lambda observation: agent.predict(observation)[0])
     idle, _ = _mean_return(lambda observation: np.zeros((len(observation), 8), np.int8))
     assert idle < 0.5 * threshold < threshold < good
 
 
-def test_gradients_end_at_the_environment() -> None:
+def test_gradients_end_at_the_environment():
     env = make()
     env.reset(seed=1)
     assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
@@ -149,7 +149,7 @@ def test_gradients_end_at_the_environment() -> None:
     ],
     ids=["texts", "objects", "beyond floats", "nothing", "times", "records"],
 )
-def test_actions_that_are_no_numbers_are_told_as_by_the_single_environment(odd: Any) -> None:
+def test_actions_that_are_no_numbers_are_told_as_by_the_single_environment(odd):
     env = make()
     env.reset(seed=1)
     with pytest.raises(
@@ -158,7 +158,7 @@ def test_actions_that_are_no_numbers_are_told_as_by_the_single_environment(odd: 
         env.step(odd)
 
 
-def test_rows_of_different_lengths_are_no_actions() -> None:
+def test_rows_of_different_lengths_are_no_actions():
     single = gymnasium.make("rans/GoToPose2D-v0")
     for env in (make(), single):
         env.reset(seed=1)
@@ -178,8 +178,8 @@ def test_rows_of_different_lengths_are_no_actions() -> None:
     ids=lambda kind: kind[0],
 )
 def test_arrays_that_torch_does_not_take_or_warns_of(
-    kind: tuple[str, Callable[[Any], Any]],
-) -> None:
+    kind,
+):
     """JAX and memory maps give read-only ones."""
     plain = np.tile(np.array([1.0, 0.0] * 4), (COUNT, 1))
     results = []
@@ -191,7 +191,7 @@ def test_arrays_that_torch_does_not_take_or_warns_of(
 
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered")  # Gymnasium's own, where it rescales
-def test_gymnasiums_wrappers_of_actions() -> None:
+def test_gymnasiums_wrappers_of_actions():
     """Behind the one that makes arrays of tensors: -1 shuts and 1 opens where actions are rescaled."""
     make_one: Any = lambda: gymnasium.make_vec(PLANE, num_envs=COUNT, spacecraft="atmos")  # noqa: E731
     env = wrappers.RescaleAction(wrappers.ArrayConversion(make_one(), torch, np), -1.0, 1.0)

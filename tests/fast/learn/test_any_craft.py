@@ -67,7 +67,7 @@ def shorten(monkeypatch: pytest.MonkeyPatch, rounds: int, updates: int) -> None:
 @pytest.mark.parametrize(
     "craft", ["floating-platform", pytest.param("roboran-platform", marks=pytest.mark.slow)]
 )
-def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_its_commands_are_met(craft, tmp_path, monkeypatch):
     """Also with the symmetries of the platform, where thrusters are numbered as the goal is ahead."""
     shorten(monkeypatch, rounds=3, updates=60)
     begun = trainer(tmp_path, config(craft=craft))
@@ -90,9 +90,7 @@ def test_its_commands_are_met(craft: str, tmp_path: Path, monkeypatch: pytest.Mo
     assert (state["rate"] == begun.config.ppo.learning_rate).all()
 
 
-def test_what_it_demands_is_met_where_valves_share_a_supply(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_it_demands_is_met_where_valves_share_a_supply(tmp_path, monkeypatch):
     """In states of its own flights."""
     shorten(monkeypatch, rounds=3, updates=60)
     begun = trainer(tmp_path, config(craft="floating-platform-shared", backbone="allocated"))
@@ -115,7 +113,7 @@ def test_what_it_demands_is_met_where_valves_share_a_supply(
     assert after < 0.6 * before
 
 
-def test_reinforcement_learning_goes_on_from_demands(tmp_path: Path) -> None:
+def test_reinforcement_learning_goes_on_from_demands(tmp_path):
     """PPO changes the layer that demands, and an agent's file flies as the network does."""
     given = config(craft="floating-platform-shared", backbone="allocated")
     begun = trainer(tmp_path / "run", replace(given, begin_from=None))
@@ -130,7 +128,7 @@ def test_reinforcement_learning_goes_on_from_demands(tmp_path: Path) -> None:
     assert torch.equal(own, read)
 
 
-def test_ways_with_a_price_of_their_own_are_not_imitated_by_demands(tmp_path: Path) -> None:
+def test_ways_with_a_price_of_their_own_are_not_imitated_by_demands(tmp_path):
     """From 0.75 on, where flights are long enough: those of 32 s are, and those of 25 s are not."""
     given = config(craft="floating-platform-shared", backbone="allocated")
     begun = trainer(tmp_path, replace(given, begin_from=None))
@@ -148,9 +146,7 @@ def test_ways_with_a_price_of_their_own_are_not_imitated_by_demands(tmp_path: Pa
 
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device")
-def test_a_graph_replays_its_gradient_steps(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_graph_replays_its_gradient_steps(tmp_path, monkeypatch):
     """On a GPU they are those of single operations, through rounds whose labels and step sizes differ."""
     shorten(monkeypatch, rounds=3, updates=20)
     weights = []
@@ -167,7 +163,7 @@ def test_a_graph_replays_its_gradient_steps(
         torch.testing.assert_close(weight, weights[1][name], rtol=1e-3, atol=1e-4)
 
 
-def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_values_are_of_its_own_flights(tmp_path, monkeypatch):
     """The returns of the expert's flights teach nothing, and those of its own do."""
     shorten(monkeypatch, rounds=1, updates=4)
     monkeypatch.setattr(any_craft, "_SECONDS", 1.6)
@@ -190,9 +186,7 @@ def test_values_are_of_its_own_flights(tmp_path: Path, monkeypatch: pytest.Monke
     assert (values[2] != values[0]).all()
 
 
-def test_commands_of_pulsed_thrusters_spread_as_their_errors(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_commands_of_pulsed_thrusters_spread_as_their_errors(tmp_path, monkeypatch):
     """PPO would fly at random if it began with the usual spread, a whole period of thrust."""
     shorten(monkeypatch, rounds=1, updates=80)
     monkeypatch.setattr(any_craft, "_SECONDS", 1.6)
@@ -201,9 +195,7 @@ def test_commands_of_pulsed_thrusters_spread_as_their_errors(
     assert (begun.learner.network.tensors["log_std"] < -0.1).all()
 
 
-def test_an_imitation_that_solves_the_task_is_all_of_a_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_imitation_that_solves_the_task_is_all_of_a_training(tmp_path, monkeypatch):
     """It is judged after four rounds of its own, and here found to solve the task after eight.
 
     Its judge is not compiled, which took most of 23 s on a GPU.
@@ -237,7 +229,7 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(
     assert [row["steps"] for row in long.rows] == [steps, steps + 64 * 16]
 
 
-def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
+def test_a_number_after_the_name_makes_it_save_thrust(tmp_path):
     begun = trainer(tmp_path, config())
     architecture = begun.learner.network.architecture
 
@@ -267,8 +259,8 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path: Path) -> None:
 
 
 def test_a_training_as_it_comes_begins_from_it_where_it_flies(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    monkeypatch,
+):
     platform = load_spacecraft("floating-platform")
     for value in (0.3, 0.4):
         flown = choice.Choice(value, 0.2, 256, 255, 6.0, 17.0)
@@ -305,6 +297,6 @@ def test_a_training_as_it_comes_begins_from_it_where_it_flies(
         ({"craft": "freeflyer2", "backbone": "allocated"}, "freeflyer2 has other effectors"),
     ],
 )
-def test_what_cannot_imitate_it_is_refused(given: Any, said: str, tmp_path: Path) -> None:
+def test_what_cannot_imitate_it_is_refused(given, said, tmp_path):
     with pytest.raises(ConfigError, match=said):
         trainer(tmp_path, config(**given))

@@ -23,7 +23,7 @@ from rans.fast.learn.config import (
 from tests.support.training import CONFIG
 
 
-def test_every_preset_is_consistent() -> None:
+def test_every_preset_is_consistent():
     for task, dimension, device in itertools.product(TASKS, (2, 3), ("cpu", "cuda")):
         found = preset(task, dimension, device)
         samples = found.n_envs * found.n_steps
@@ -43,7 +43,7 @@ def changed(place: str, value: Any) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("kind", [float, np.int64, np.float64])
-def test_whole_numbers_of_other_types(kind: type) -> None:
+def test_whole_numbers_of_other_types(kind):
     """2e5 is one, as on the command line; a loop over a range of NumPy has its own, which JSON cannot write."""
     numbers = {"seed": 3, "total_timesteps": 200_000, "report_interval": 2}
     expected = replace(CONFIG, **numbers, ppo=replace(CONFIG.ppo, n_envs=64))
@@ -52,18 +52,18 @@ def test_whole_numbers_of_other_types(kind: type) -> None:
     assert json.dumps(to_table(from_table(table))) == json.dumps(to_table(expected))
 
 
-def test_missing_entries() -> None:
+def test_missing_entries():
     shortest = from_table({"task": "go-to-pose", "spacecraft": "floating-platform"})
     assert shortest == TrainConfig("go-to-pose", GoToPose(), "floating-platform")
 
 
-def test_whole_numbers_are_numbers() -> None:
+def test_whole_numbers_are_numbers():
     config = from_table(changed("ppo.gamma", 1))
     assert type(config.ppo.gamma) is float
     assert config == replace(CONFIG, ppo=replace(CONFIG.ppo, gamma=1.0))
 
 
-def test_every_setting_of_ppo_is_set_by_somebody() -> None:
+def test_every_setting_of_ppo_is_set_by_somebody():
     """A recipe or agent of this repository has another value than the default; what nobody sets is a constant."""
     root = Path(__file__).parents[3]
     recipes = (root / folder for folder in ("rans/data/recipes", "examples", "campaigns"))
@@ -94,7 +94,7 @@ def test_every_setting_of_ppo_is_set_by_somebody() -> None:
     assert [*never_set(PPOSettings(), tables)] == ["backbone"]
 
 
-def test_another_learner_has_other_settings() -> None:
+def test_another_learner_has_other_settings():
     table = to_table(CONFIG)
     change_entry(table, "algorithm", "value")
     change_entry(table, "learner.rounds", 2)
@@ -109,7 +109,7 @@ def test_another_learner_has_other_settings() -> None:
         from_table(table | {"algorithm": "value", "learner": {"rounds": 0}})
 
 
-def test_a_kind_of_memory_without_its_size_is_refused() -> None:
+def test_a_kind_of_memory_without_its_size_is_refused():
     """Version 0.2 had a size of its own for it, and this one would train without a memory."""
     with pytest.raises(ConfigError, match="unknown key 'kind'"):
         from_table(to_table(CONFIG) | {"ppo": {"memory": {"kind": "history"}}})

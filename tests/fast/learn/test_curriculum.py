@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import torch
@@ -17,7 +16,7 @@ CHEAPER = Ramp("thrust_weight", 0.0, duration=400)
 RAMPS = (NEARER, CHEAPER)
 
 
-def test_geometric() -> None:
+def test_geometric():
     """From 0.05 to 0.8: a factor of four by half time, of two by a quarter."""
     ramp = Ramp("thrust_weight", 0.05, duration=400, begin=100, shape="geometric")
     ends = {"thrust_weight": 0.8}
@@ -25,13 +24,13 @@ def test_geometric() -> None:
     np.testing.assert_allclose(values, [0.05, 0.1, 0.2, 0.8], rtol=1e-12)
 
 
-def test_a_setting_within_a_multi_task() -> None:
+def test_a_setting_within_a_multi_task():
     curriculum = Curriculum(MultiTask(), [Ramp("go_to_pose.thrust_weight", 0.0, 100)], np.float64)
     curriculum.move_to(50)
     assert curriculum.task == MultiTask(go_to_pose=GoToPose(thrust_weight=0.01))
 
 
-def test_ramps_that_are_possible_together_only() -> None:
+def test_ramps_that_are_possible_together_only():
     """Four metres are no failure while all start nearer."""
     ramps = (Ramp("fail_distance", 4.0, 10), Ramp("spawn_distance", (0.1, 0.5), 10))
     check_ramps(TASK, ramps)
@@ -39,7 +38,7 @@ def test_ramps_that_are_possible_together_only() -> None:
     assert Curriculum(TASK, ramps, np.float32).task != TASK
 
 
-def test_the_engine_follows() -> None:
+def test_the_engine_follows():
     """It starts where the curriculum says and pays what it says, as that moves."""
     curriculum = Curriculum(TASK, RAMPS, np.float32)
     engine = Engine(PLATFORM, curriculum.task, 512, SHORT)
@@ -59,7 +58,7 @@ def test_the_engine_follows() -> None:
         assert not engine.step(1 - opened).terms[paid].any()
 
 
-def test_the_agent_is_judged_on_the_final_task(tmp_path: Path) -> None:
+def test_the_agent_is_judged_on_the_final_task(tmp_path):
     """Not on the easy one that it starts with, whose tolerance everybody keeps."""
     ramp = Ramp("position_tolerance", 100.0, 10**6), Ramp("attitude_tolerance", 4.0, 10**6)
     strict = replace(

@@ -37,7 +37,7 @@ def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
     [Throttle(), pytest.param(Pulsed(4, 1), marks=pytest.mark.slow)],
     ids=["throttle", "pulsed"],
 )
-def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) -> None:
+def test_an_agent_is_trained_saved_and_flown(kind, tmp_path):
     trainer = begun(tmp_path, kind)
     trainer.train(ignore)
     assert (
@@ -61,7 +61,7 @@ def test_an_agent_is_trained_saved_and_flown(kind: Actuators, tmp_path: Path) ->
     np.testing.assert_allclose(ours.commands, drakes.commands, rtol=0, atol=1e-5)
 
 
-def test_an_agent_for_other_actuators_is_refused(tmp_path: Path) -> None:
+def test_an_agent_for_other_actuators_is_refused(tmp_path):
     begun(tmp_path, Throttle()).train(ignore, after(1))
     (tmp_path / "run" / "spacecraft.toml").write_text(to_toml(PLATFORM))
     with pytest.raises(

@@ -87,9 +87,7 @@ def agree(kernel: MatrixGradient, learner: PPOLearner, batch: Batch, share: floa
     ],
     ids=["plane", "space, elu, idle units and a second look"],
 )
-def test_products_find_what_autograd_finds(
-    craft: Any, settings: Any, own_critic: bool, device: str
-) -> None:
+def test_products_find_what_autograd_finds(craft, settings, own_critic, device):
     history = {"memory": MemorySettings(2, (0.5,))}
     given = settings | history | {"privileged_critic": own_critic, "matmul": "bf16"}
     learner, batch = collected(craft, device, **given)
@@ -103,5 +101,5 @@ def test_products_find_what_autograd_finds(
 
 
 @pytest.mark.parametrize("settings", [{"continuous": True}, {"layers": (16,)}])
-def test_what_is_left_to_autograd(settings: Any) -> None:
+def test_what_is_left_to_autograd(settings):
     assert not MatrixGradient.fits(tiny_learner(**settings).network)

@@ -6,7 +6,6 @@ import gc
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 from unittest.mock import MagicMock
 
@@ -32,7 +31,7 @@ def _on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
         monkeypatch.setattr(torch.cuda, name, lambda _: nullcontext())
 
 
-def test_nothing_is_compiled_until_that_is_wanted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nothing_is_compiled_until_that_is_wanted(monkeypatch):
     compiled = MagicMock(return_value=lambda x: -x)
     monkeypatch.setattr(torch, "compile", compiled)
     twice = fused(lambda x: 2 * x, GPU)
@@ -44,7 +43,7 @@ def test_nothing_is_compiled_until_that_is_wanted(monkeypatch: pytest.MonkeyPatc
 
 
 @pytest.mark.usefixtures("_on_a_gpu")
-def test_what_was_recorded_uncompiled_is_recorded_anew() -> None:
+def test_what_was_recorded_uncompiled_is_recorded_anew():
     """After one ordinary call; what the compiler made, after two."""
     function = MagicMock(return_value=torch.zeros(()))
     called = graphed(function, GPU)
@@ -62,7 +61,7 @@ def test_what_was_recorded_uncompiled_is_recorded_anew() -> None:
 @pytest.mark.usefixtures("_on_a_gpu")
 @pytest.mark.parametrize("fails", [False, True])
 @pytest.mark.parametrize("usually", [True, False])
-def test_python_collects_no_garbage_while_a_graph_is_recorded(usually: bool, fails: bool) -> None:
+def test_python_collects_no_garbage_while_a_graph_is_recorded(usually, fails):
     """What it may destroy then, such as the graphs of an earlier training, breaks the one in the making."""
     collects = []
 
@@ -94,9 +93,7 @@ def test_python_collects_no_garbage_while_a_graph_is_recorded(usually: bool, fai
         pytest.param("floating-platform-shared", {"backbone": "allocated"}, id="allocated"),
     ],
 )
-def test_what_a_gpu_compiles_is_traced_whole(
-    craft: str, changes: dict[str, Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_what_a_gpu_compiles_is_traced_whole(craft, changes, monkeypatch, tmp_path):
     """Without its compiler of kernels, on a processor; the training is the one of the functions as written."""
     given = training("go-to-pose", craft, "cpu")
     changed = replace(given.ppo, n_envs=8, n_steps=8, batch_size=32, n_epochs=1, **changes)

@@ -97,7 +97,7 @@ def _fill(twin: Any, learner: PPOLearner, last: Tensor) -> None:
 @pytest.mark.parametrize("n_epochs", [1, 4])
 @HEADS
 @both_crafts
-def test_an_iteration_is_that_of_sb3(craft: Any, continuous: bool, n_epochs: int) -> None:
+def test_an_iteration_is_that_of_sb3(craft, continuous, n_epochs):
     """One real `stable_baselines3.PPO.train` on the same transitions: losses and weights are the same."""
     learner, twin = filled(
         craft,
@@ -135,7 +135,7 @@ def trained(seed: int = 0, iterations: int = 8, **settings: Any) -> PPOLearner:
     return learner
 
 
-def test_training_leaves_torchs_own_random_numbers_alone() -> None:
+def test_training_leaves_torchs_own_random_numbers_alone():
     torch.manual_seed(7)
     expected = torch.rand(3)
     torch.manual_seed(7)
@@ -143,7 +143,7 @@ def test_training_leaves_torchs_own_random_numbers_alone() -> None:
     assert torch.equal(torch.rand(3), expected)
 
 
-def test_an_infinite_gradient_is_noticed_in_the_same_update() -> None:
+def test_an_infinite_gradient_is_noticed_in_the_same_update():
     learner = tiny_learner()
     learner.backend = None  # autograd's hooks see gradients
     learner.network.tensors["value_net.weight"].register_hook(
@@ -160,7 +160,7 @@ def rate_after(learner: PPOLearner, divergence: float, times: int = 1) -> float:
     return float(learner.adam.rate)
 
 
-def test_step_size_follows_the_divergence() -> None:
+def test_step_size_follows_the_divergence():
     learner = tiny_learner(learning_rate=1e-3)
     # Twice 0.016, and half of it.
     expected = {0.033: 1e-3 / 1.5, 0.0079: 1e-3, 0.0081: 1e-3, 0.031: 1e-3, 1e9: 1e-3 / 1.5}
@@ -170,7 +170,7 @@ def test_step_size_follows_the_divergence() -> None:
         assert rate_after(learner, divergence, 30) == pytest.approx(bound, rel=1e-6)
 
 
-def test_the_step_size_falls_to_zero_over_the_last_share() -> None:
+def test_the_step_size_falls_to_zero_over_the_last_share():
     """Bounded by 4e-3 until half of the steps remain, then in proportion to what remains."""
     learner = tiny_learner(schedule=ScheduleSettings(4e-3, 0.5), learning_rate=1e-3)
     for remaining, bound in ((1.0, 4e-3), (0.5, 4e-3), (0.25, 2e-3), (0.0, 0.0)):
@@ -178,7 +178,7 @@ def test_the_step_size_falls_to_zero_over_the_last_share() -> None:
         assert rate_after(learner, 0.0, 30) == pytest.approx(bound, rel=1e-6)
 
 
-def test_episodes_end_at_different_times() -> None:
+def test_episodes_end_at_different_times():
     engine = tiny_learner().engine
     steps = engine.timing.step(engine.save_state()["buffers"][-1])
     assert len(set(steps.tolist())) > 4

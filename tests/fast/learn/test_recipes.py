@@ -24,7 +24,7 @@ from rans.randomization.conditions_file import load_conditions
 
 
 @pytest.mark.parametrize("name", RECIPES)
-def test_a_recipe_trains_what_its_name_says(name: str) -> None:
+def test_a_recipe_trains_what_its_name_says(name):
     config = recipe(name, "cpu")
     dimension = load_spacecraft(config.spacecraft).dimension
     assert name.startswith(f"{config.task.removesuffix('-priced')}-{dimension}d")
@@ -50,7 +50,7 @@ def _without_descriptions(value: object) -> object:
     return value
 
 
-def test_every_agent_that_comes_with_rans_has_its_recipe() -> None:
+def test_every_agent_that_comes_with_rans_has_its_recipe():
     """The very config, but for seed, device and descriptions."""
     from rans.fast.learn.run_folder import read_config
 
@@ -83,7 +83,7 @@ n_envs = 8192
 """
 
 
-def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -> None:
+def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path):
     file = tmp_path / "mine.toml"
     file.write_text(OWN, "utf-8")
     found = training(str(file), device="cpu")
@@ -104,7 +104,7 @@ def test_a_recipe_of_ones_own_is_its_base_with_what_it_changes(tmp_path: Path) -
 
 
 @pytest.mark.parametrize("task", [name for name in TASKS if ":" not in name])
-def test_every_task_has_each_quality(task: str) -> None:
+def test_every_task_has_each_quality(task):
     """A longer one trains to its end; the spacecraft and the length of episodes are the task's own."""
     quick = training_of_quality(task, None, "quick", "cpu")
     assert quick.solved_share is not None
@@ -116,7 +116,7 @@ def test_every_task_has_each_quality(task: str) -> None:
         assert config.timing == quick.timing
 
 
-def test_ones_own_spacecraft_and_conditions() -> None:
+def test_ones_own_spacecraft_and_conditions():
     config = training_of_quality("go-to-pose", "atmos", "good", "cpu", randomized=True)
     assert config.spacecraft == "atmos"
     assert (config.ppo.memory.history, config.ppo.privileged_critic) == (8, True)

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -39,7 +37,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
     return trainer
 
 
-def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: Path) -> None:
+def test_a_resumed_training_ends_as_if_never_stopped(whole, tmp_path):
     """Stopped between reports; the same reports are made but for the one at the stop."""
     stop_at = 5
     tiny_trainer(tmp_path / "cut", WHOLE).train(ignore, after(stop_at))
@@ -57,7 +55,7 @@ def test_a_resumed_training_ends_as_if_never_stopped(whole: Trainer, tmp_path: P
             assert ours["train/loss"] == theirs["train/loss"]
 
 
-def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
+def test_rows_after_the_checkpoint_are_taken_again(tmp_path):
     """Killed between checkpoints: later rows are dropped, also a row that was only half written."""
     config = replace(CONFIG, report_interval=2)
     trainer = tiny_trainer(tmp_path / "run", config)
@@ -73,7 +71,7 @@ def test_rows_after_the_checkpoint_are_taken_again(tmp_path: Path) -> None:
     assert [row["steps"] for row in again.run.metrics()] == list(range(256, 2049, 256))
 
 
-def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> None:
+def test_without_a_checkpoint_it_starts_over(whole, tmp_path):
     RunFolder(tmp_path / "cut").begin(WHOLE, "rans train")
     RunFolder(tmp_path / "cut").append_metrics({"steps": 128, "seconds": 0.1, "success": 0.0})
     trainer = resumed(tmp_path / "cut")
@@ -91,7 +89,7 @@ def test_without_a_checkpoint_it_starts_over(whole: Trainer, tmp_path: Path) -> 
     ],
     ids=["history and privileged", "filters"],
 )
-def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, Any]) -> None:
+def test_what_remembers_resumes_bit_by_bit_too(tmp_path, kind):
     config = replace(CONFIG, ppo=replace(TINY, symmetric=False, **kind), total_timesteps=768)
     whole = tiny_trainer(tmp_path / "whole", config)
     whole.train(ignore)
@@ -109,7 +107,7 @@ def test_what_remembers_resumes_bit_by_bit_too(tmp_path: Path, kind: dict[str, A
     np.testing.assert_array_equal(flights[0].commands, flights[1].commands)  # it forgets in between
 
 
-def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
+def test_a_finished_training_is_left_alone(tmp_path):
     config = replace(CONFIG, settings=EASY, solved_share=1.0, report_interval=1)
     trainer = tiny_trainer(tmp_path / "run", config)
     trainer.train(ignore)
@@ -121,7 +119,7 @@ def test_a_finished_training_is_left_alone(tmp_path: Path) -> None:
     assert everything(again) == everything(trainer)
 
 
-def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path: Path) -> None:
+def test_an_agent_without_a_checkpoint_is_not_lost(tmp_path):
     """To resume would begin anew and write over it."""
     tiny_trainer(tmp_path / "run").train(ignore)
     (tmp_path / "run" / "checkpoint.safetensors").unlink()

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
@@ -57,7 +56,7 @@ RETURN = 4 * (-1.0 + 0.5) + 20.0
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform' needs:UserWarning")
-def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path: Path) -> None:
+def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path):
     config = TrainConfig(
         "go-to-position",
         GoToPosition(),
@@ -90,7 +89,7 @@ def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path: Path) -> N
     assert flights.sums["return"].mean == pytest.approx(RETURN, rel=1e-6)
 
 
-def test_no_return_where_no_episode_ended() -> None:
+def test_no_return_where_no_episode_ended():
     """Ten steps an episode and eight a rollout, from clocks at zero: the first one ends none."""
     engine = Engine(HEAVY, GoToPosition(spawn_distance=(1.0, 2.0)), 16, TEN)
     learner = begin(engine, TINY, 0)
@@ -111,7 +110,7 @@ class Rooted(GoToPosition):
 
 
 @pytest.mark.filterwarnings("ignore:invalid value", "ignore:this engine steps slower")
-def test_a_reward_that_is_nan_is_named() -> None:
+def test_a_reward_that_is_nan_is_named():
     learner = begin(Engine(HEAVY, Rooted(spawn_distance=(2.0, 3.0)), 16, TEN), TINY, 0)
     with pytest.raises(NonFiniteState, match="bad") as error:
         statistics(learner.learn().tolist(), learner, 128)

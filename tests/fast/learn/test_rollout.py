@@ -33,7 +33,7 @@ def collected(craft: Any) -> tuple[PPOLearner, Batch]:
 
 
 @both_crafts
-def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
+def test_a_rollout_is_that_of_sb3(craft):
     """SB3 itself flies the same actions from the same starts, and bootstraps where it does."""
     learner, batch = collected(craft)
     kept = learner.rollout.all
@@ -84,7 +84,7 @@ def test_a_rollout_is_that_of_sb3(craft: Any) -> None:
     ],
     ids=["plane", "space", "history"],
 )
-def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any, kind: dict[str, Any]) -> None:
+def test_an_unchanged_policy_finds_its_own_probabilities(craft, kind):
     """Whatever side it saw the state from, through the ends of episodes, in minibatches, with what it remembers."""
     learner = tiny_learner(
         craft, dtype=torch.float64, n_steps=16, batch_size=64, privileged_critic=True, **kind
@@ -109,7 +109,7 @@ def test_an_unchanged_policy_finds_its_own_probabilities(craft: Any, kind: dict[
 
 
 @pytest.mark.parametrize("count", [1, 2, 4])
-def test_minibatches_divide_every_transition_of_whole_environments(count: int) -> None:
+def test_minibatches_divide_every_transition_of_whole_environments(count):
     number = torch.arange(3 * 16.0).reshape(3, 16)
     fields = Batch(number[..., None], number[..., None], number, number, number, None, None)
     parts = minibatches(fields, count)
@@ -121,7 +121,7 @@ def test_minibatches_divide_every_transition_of_whole_environments(count: int) -
     assert sorted(torch.cat([part.target for part in parts]).tolist()) == list(range(48))
 
 
-def test_what_three_steps_leave_behind() -> None:
+def test_what_three_steps_leave_behind():
     """By hand, of four environments and a memory of one number, beside what SB3 collects too.
 
     Environment 0 is cut off by time in the second step, 1 fails in the second, 2 is cut off in the third and

@@ -23,7 +23,7 @@ def run(tmp_path: Path) -> RunFolder:
     return folder
 
 
-def test_it_remembers_the_config(run: RunFolder) -> None:
+def test_it_remembers_the_config(run):
     assert run.config() == CONFIG
     about = json.loads(run.config_file.read_text())["about"]
     assert about["command"] == "rans train go-to-pose"
@@ -33,7 +33,7 @@ def test_it_remembers_the_config(run: RunFolder) -> None:
     assert read_config(run.config_file) == CONFIG
 
 
-def test_the_spacecraft_is_the_one_of_then(tmp_path: Path) -> None:
+def test_the_spacecraft_is_the_one_of_then(tmp_path):
     """The user's file may change or vanish afterwards."""
     shipped = resources.files("rans") / "data" / "spacecraft" / "floating-platform.toml"
     file = tmp_path / "mine.toml"
@@ -44,7 +44,7 @@ def test_the_spacecraft_is_the_one_of_then(tmp_path: Path) -> None:
     assert run.spacecraft().mass == 7.25
 
 
-def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
+def test_a_run_is_not_begun_twice(run):
     before = run.config_file.read_bytes()
     with pytest.raises(
         ConfigError, match=r"holds a training already; continue it with --resume .*run, or"
@@ -53,7 +53,7 @@ def test_a_run_is_not_begun_twice(run: RunFolder) -> None:
     assert run.config_file.read_bytes() == before
 
 
-def test_a_folder_where_somebody_trains_is_not_begun(tmp_path: Path) -> None:
+def test_a_folder_where_somebody_trains_is_not_begun(tmp_path):
     """Not even before the other has written anything."""
     first = RunFolder(tmp_path / "run")
     first.lock()
@@ -64,13 +64,13 @@ def test_a_folder_where_somebody_trains_is_not_begun(tmp_path: Path) -> None:
         RunFolder(tmp_path / "run").lock()  # who held it before it began goes on holding it
 
 
-def test_what_is_no_run(tmp_path: Path) -> None:
+def test_what_is_no_run(tmp_path):
     for folder, why in ((tmp_path, "it has no config.json"), (tmp_path / "x", "there is nothing")):
         with pytest.raises(ConfigError, match=f"is not a run folder: {why}"):
             RunFolder(folder).config()
 
 
-def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
+def test_nobodys_spacecraft_is_written_over(tmp_path):
     """One that is being designed in the folder where somebody trains; what was begun and killed goes on."""
     file = tmp_path / "spacecraft.toml"
     file.write_text("mass = 1.0  # my own")
@@ -85,9 +85,7 @@ def test_nobodys_spacecraft_is_written_over(tmp_path: Path) -> None:
     RunFolder(tmp_path / "killed").begin(CONFIG, "rans train")
 
 
-def test_a_checkpoint_is_whole_or_the_one_before(
-    run: RunFolder, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_checkpoint_is_whole_or_the_one_before(run, monkeypatch):
     run.save_checkpoint({"steps": 1, "weights": torch.arange(5)})
 
     real = Path.write_bytes
@@ -106,7 +104,7 @@ def test_a_checkpoint_is_whole_or_the_one_before(
     assert [file.name for file in run.path.glob(".*")] == [LOCK]
 
 
-def test_who_trains_on_removes_drafts_of_a_killed_training(run: RunFolder) -> None:
+def test_who_trains_on_removes_drafts_of_a_killed_training(run):
     """However young they are, but none of a process that lives, and no other file."""
     dead = 2**22 + 1  # above the largest number of a process on Linux
     left = run.path / f".{dead}.a4e4db52.policy.zip"
@@ -122,9 +120,7 @@ def test_who_trains_on_removes_drafts_of_a_killed_training(run: RunFolder) -> No
     assert all(file.exists() for file in kept)
 
 
-def test_who_comes_second_to_the_lock_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_who_comes_second_to_the_lock_is_refused(tmp_path, monkeypatch):
     """Another process may begin while this one waits for it."""
     monkeypatch.setattr(RunFolder, "lock", lambda self: write_text(self.config_file, "{}"))
     with pytest.raises(ConfigError, match="holds a training already"):

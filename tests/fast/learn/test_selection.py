@@ -53,7 +53,7 @@ def judged(
 
 
 @both_crafts
-def test_share_of_episodes_that_keep_within_tolerance(craft: Any) -> None:
+def test_share_of_episodes_that_keep_within_tolerance(craft):
     share, _, flight = judged(craft, LENIENT)
     # A fifth of 20 steps: the states arrived in with the last four.
     errors = flight.errors()
@@ -67,7 +67,7 @@ def test_share_of_episodes_that_keep_within_tolerance(craft: Any) -> None:
 
 @both_crafts
 @pytest.mark.filterwarnings("ignore:untrained spins:UserWarning")  # both engines alike
-def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
+def test_mean_errors_of_the_last_fifth(craft):
     """Of the states acted in, while nobody fails."""
     _, errors, flight = judged(craft, replace(LENIENT, fail_distance=1e3, fail_spin=1e3))
     assert not flight.failed().any()
@@ -75,7 +75,7 @@ def test_mean_errors_of_the_last_fifth(craft: Any) -> None:
         assert errors[name] == pytest.approx(error[-5:-1].mean(), rel=1e-3)  # as above
 
 
-def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
+def test_an_episode_that_follows_a_failure_remembers_nothing_of_it():
     network = scatter(tiny_learner(memory=MemorySettings(4)).network)
     selection = Selection(network, PLATFORM, LENIENT, SHORT, torch.device("cpu"))
     engine = selection._engines[""]
@@ -102,7 +102,7 @@ def test_an_episode_that_follows_a_failure_remembers_nothing_of_it() -> None:
     assert sum(int(some.sum()) for some in ended[:-1]) > 50
 
 
-def test_it_always_judges_the_same_flights() -> None:
+def test_it_always_judges_the_same_flights():
     network = scatter(tiny_learner().network)
     selection = Selection(network, PLATFORM, LENIENT, SHORT, torch.device("cpu"))
     generator = torch.get_rng_state()
@@ -113,7 +113,7 @@ def test_it_always_judges_the_same_flights() -> None:
     assert selection.judge() != first
 
 
-def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
+def test_a_multi_task_is_as_good_as_its_worst_part():
     """Each part is judged as it would be alone."""
     network = scatter(tiny_learner().network)
     task = MultiTask(
@@ -133,7 +133,7 @@ def test_a_multi_task_is_as_good_as_its_worst_part() -> None:
     assert share == min(shares)
 
 
-def test_a_mission_that_is_won_early_is_a_success() -> None:
+def test_a_mission_that_is_won_early_is_a_success():
     """As flights in float64 are judged: some are won in the middle, some hit the wall, some do neither."""
     task = Pass(speed=0.4, wall=0.3)
     timing = replace(SHORT, checks=2)

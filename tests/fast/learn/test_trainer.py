@@ -37,7 +37,7 @@ from tests.support.training import (
 )
 
 
-def test_same_config_same_bits(tmp_path: Path) -> None:
+def test_same_config_same_bits(tmp_path):
     results = []
     for name, seed in (("a", 4), ("b", 4), ("c", 5)):
         trainer = tiny_trainer(tmp_path / name, replace(CONFIG, seed=seed, total_timesteps=384))
@@ -47,7 +47,7 @@ def test_same_config_same_bits(tmp_path: Path) -> None:
     assert results[0] != results[2]
 
 
-def test_what_a_run_holds(tmp_path: Path) -> None:
+def test_what_a_run_holds(tmp_path):
     rows: list[dict[str, Any]] = []
     trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, report_interval=8))
     trainer.train(rows.append)
@@ -82,7 +82,7 @@ def test_what_a_run_holds(tmp_path: Path) -> None:
     assert len(list((tmp_path / "run" / "tensorboard").iterdir())) == 1
 
 
-def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_solved_twice_in_a_row(tmp_path, monkeypatch):
     """One lucky report does not end a training; nor does a stop between reports make two of one.
 
     A solved training goes on where its config says so.
@@ -111,7 +111,7 @@ def test_solved_twice_in_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) 
     assert longer.steps == 10 * 128
 
 
-def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path: Path) -> None:
+def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path):
     """Nobody fails, so that each of 16 begins anew four times in 20 steps, whenever its first one ends."""
     config = replace(CONFIG, settings=EASY, episode_steps=5, ppo=replace(TINY, n_steps=4))
     trainer = tiny_trainer(tmp_path / "run", config)
@@ -123,7 +123,7 @@ def test_episodes_to_learn_in_may_be_shorter_than_those_to_be_judged_in(tmp_path
     assert load_policy(tmp_path / "run").judged.timing == SHORT
 
 
-def test_it_learns(tmp_path: Path) -> None:
+def test_it_learns(tmp_path):
     """From 3 to 4 m away to the goal: five seeds were within 0.01 to 0.20 m after so many steps.
 
     The attitude is no measure: one of the five had not found it yet.
@@ -136,7 +136,7 @@ def test_it_learns(tmp_path: Path) -> None:
     assert rows[-1]["error/position"] < 0.6
 
 
-def test_nothing_is_written_for_a_config_that_cannot_work(tmp_path: Path) -> None:
+def test_nothing_is_written_for_a_config_that_cannot_work(tmp_path):
     run = RunFolder(tmp_path / "run")
     config = replace(CONFIG, ppo=replace(TINY, n_steps=21, batch_size=21 * 16))
     with pytest.raises(ConfigError, match="n_steps must not exceed the episode's 20 steps"):
@@ -144,7 +144,7 @@ def test_nothing_is_written_for_a_config_that_cannot_work(tmp_path: Path) -> Non
     assert not run.path.exists()
 
 
-def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Path) -> None:
+def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path):
     """Whoever judges or flies the agent knows less: it is told of what is usual, which is zero for each."""
     ppo = replace(TINY, privileged_critic=True, memory=MemorySettings(4), symmetric=False)
     trainer = tiny_trainer(tmp_path, replace(CONFIG, ppo=ppo, conditions=load_conditions("faults")))
@@ -157,9 +157,7 @@ def test_a_critic_that_knows_what_conditions_draw_is_judged_without(tmp_path: Pa
     assert load_policy(tmp_path).conditions is not None
 
 
-def test_a_training_that_is_compiled_on_its_way_goes_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_training_that_is_compiled_on_its_way_goes_on(tmp_path, monkeypatch):
     """With the same reports and agent; on a CPU nothing is compiled, but it is divided in two as on a GPU."""
     plain, divided = (tiny_trainer(tmp_path / name) for name in ("plain", "divided"))
     plain.train(ignore)
@@ -192,7 +190,7 @@ def trained_behind(guard: Any, folder: Path) -> tuple[Trainer, list[dict[str, An
     return trainer, rows
 
 
-def test_nothing_moves_where_nothing_is_let_through(tmp_path: Path) -> None:
+def test_nothing_moves_where_nothing_is_let_through(tmp_path):
     """Episodes begin at rest, and there is no disturbance."""
     trainer, rows = trained_behind(Shut(), tmp_path / "shut")
     assert rows[-1]["success"] == 0.0
@@ -206,7 +204,7 @@ def test_nothing_moves_where_nothing_is_let_through(tmp_path: Path) -> None:
         assert torch.equal(error, before[name]), name
 
 
-def test_what_cannot_be(tmp_path: Path) -> None:
+def test_what_cannot_be(tmp_path):
     with pytest.raises(ConfigError, match="needs a safety filter"):
         tiny_trainer(tmp_path / "none", GUARDED)
     with pytest.raises(ConfigError, match="has none"):
@@ -218,7 +216,7 @@ def test_what_cannot_be(tmp_path: Path) -> None:
     "ignore:this engine steps slower"
 )  # for a reward that no program is made of
 @pytest.mark.parametrize("what", ["weight", "state", "reward"])
-def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_nan_stops_it(tmp_path, what, monkeypatch):
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(2))
     before = trainer.run.checkpoint_file.read_bytes()
@@ -240,7 +238,7 @@ def test_nan_stops_it(tmp_path: Path, what: str, monkeypatch: pytest.MonkeyPatch
     assert trainer.run.checkpoint_file.read_bytes() == before
 
 
-def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
+def test_a_checkpoint_of_another_config(tmp_path):
     tiny_trainer(tmp_path / "run").train(ignore, after(1))
     table = json.loads((tmp_path / "run" / "config.json").read_text())
     for key, value, message in (
@@ -255,7 +253,7 @@ def test_a_checkpoint_of_another_config(tmp_path: Path) -> None:
         assert "\n" not in str(caught.value)
 
 
-def test_a_checkpoint_of_something_else(tmp_path: Path) -> None:
+def test_a_checkpoint_of_something_else(tmp_path):
     """What is damaged has a test of its own (`tests.test_damaged_files`)."""
     trainer = tiny_trainer(tmp_path / "run")
     trainer.train(ignore, after(1))

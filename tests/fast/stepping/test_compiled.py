@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import torch
 
-from rans import TASKS, Conditions, Engine, Spacecraft, ThrusterConditions, Timing
+from rans import TASKS, Conditions, Engine, ThrusterConditions, Timing
 from rans.fast.stepping.compiled import ArrayStep
 from rans.fast.stepping.step import step_arrays
 from tests.support.crafts import ANY_CRAFT
@@ -32,7 +32,7 @@ def is_straight(engine: Engine) -> bool:
     [(task, (FLYER, PLATFORM)[number % 2]) for number, task in enumerate(ANY_CRAFT)],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_every_task_steps_and_restarts(task: str, craft: Spacecraft) -> None:
+def test_every_task_steps_and_restarts(task, craft):
     plain, straight = pair(craft, TASKS[task](), 16, Timing(episode_steps=12), seed=2**40 + 5)
     assert compare(plain, straight) > 16
     assert is_straight(straight)
@@ -46,7 +46,7 @@ def test_every_task_steps_and_restarts(task: str, craft: Spacecraft) -> None:
     ],
     ids=["blocks", "lab"],
 )
-def test_blocks_and_conditions(kwargs: dict[str, Any]) -> None:
+def test_blocks_and_conditions(kwargs):
     """4,099 are two blocks, of which the second is small."""
     steps = 8 if kwargs["num_envs"] > 12 else 25
     plain, straight = pair(PLATFORM, NEAR, timing=Timing(episode_steps=6), **kwargs)
@@ -55,7 +55,7 @@ def test_blocks_and_conditions(kwargs: dict[str, Any]) -> None:
 
 
 @pytest.mark.slow
-def test_what_would_be_too_long_a_program_is_none() -> None:
+def test_what_would_be_too_long_a_program_is_none():
     """At 1 kHz a valve that is 0.2 s late has 200 commands on their way: it took minutes and gigabytes."""
     late = Conditions(thrusters=ThrusterConditions(latency=(0.0, 0.2)))
     engine = Engine(PLATFORM, NEAR, 2, Timing(0.001, substeps=1), conditions=late)
@@ -64,7 +64,7 @@ def test_what_would_be_too_long_a_program_is_none() -> None:
     assert not is_straight(engine)
 
 
-def test_copies_fly_on_by_themselves() -> None:
+def test_copies_fly_on_by_themselves():
     engine = Engine(PLATFORM, NEAR, 8, SHORT, seed=1)
     first, second = actions(PLATFORM, 8, 2)
     engine.step(first)

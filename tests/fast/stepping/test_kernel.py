@@ -64,9 +64,7 @@ def two_a_thread(test: Any) -> Any:
     indirect=["together"],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_tasks_step_and_restart_as_on_numpy(
-    on_host: Any, task: str, craft: Spacecraft, together: int
-) -> None:
+def test_tasks_step_and_restart_as_on_numpy(on_host, task, craft, together):
     made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
     how: Any = {"seed": SEED, "dtype": torch.float64}
     engine = on_host(*made, **how)
@@ -75,7 +73,7 @@ def test_tasks_step_and_restart_as_on_numpy(
 
 
 @pytest.mark.parametrize("name", ["sensors", "dropout"])
-def test_an_observation_is_that_of_numpy(on_host: Any, name: str) -> None:
+def test_an_observation_is_that_of_numpy(on_host, name):
     """In what their episodes drew, after a step."""
     given: Any = {"seed": SEED, "dtype": torch.float64, "conditions": EFFECTS[name]}
     ours = Engine(PLATFORM, NEAR, 16, SHORT, **given)
@@ -98,15 +96,13 @@ def test_an_observation_is_that_of_numpy(on_host: Any, name: str) -> None:
     indirect=["together"],
 )
 @pytest.mark.usefixtures("together")
-def test_actions_of_any_number_of_thrusters_and_any_dtype(
-    on_host: Any, thrusters: int, form: torch.dtype
-) -> None:
+def test_actions_of_any_number_of_thrusters_and_any_dtype(on_host, thrusters, form):
     """Commands are read in pieces of one to sixteen bytes."""
     craft = replace(FLYER, thrusters=FLYER.thrusters[:thrusters], thrust_sharing="split")
     ends(on_host, craft, GoToPose(), 4, Timing(substeps=1), steps=6, form=form)
 
 
-def test_actions_may_lie_anywhere(on_host: Any) -> None:
+def test_actions_may_lie_anywhere(on_host):
     made = (PLATFORM, NEAR, 3, SHORT)
     action = actions(PLATFORM, 3, 1)[0].to(torch.uint8)
     shifted = torch.zeros(25, dtype=torch.uint8)[1:].view(3, 8).copy_(action)
@@ -119,9 +115,7 @@ def test_actions_may_lie_anywhere(on_host: Any) -> None:
     assert torch.equal(seen[0], seen[2])
 
 
-def test_an_odd_number_of_spacecraft_flies_one_by_one(
-    on_host: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_odd_number_of_spacecraft_flies_one_by_one(on_host, monkeypatch):
     monkeypatch.setattr(step_kernel, "MANY", 1)
     made = (PLATFORM, NEAR, 15, SHORT)
     engine = on_host(*made)
@@ -130,7 +124,7 @@ def test_an_odd_number_of_spacecraft_flies_one_by_one(
 
 
 @two_a_thread
-def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
+def test_each_process_flies_its_own_episodes(on_host):
     whole = Engine(PLATFORM, NEAR, 16, SHORT)
     part = on_host(PLATFORM, NEAR, 8, SHORT, processes=Processes(1, 2))
     over = 0
@@ -144,7 +138,7 @@ def test_each_process_flies_its_own_episodes(on_host: Any) -> None:
     assert over > 8
 
 
-def test_a_lost_state_earns_nothing(on_host: Any) -> None:
+def test_a_lost_state_earns_nothing(on_host):
     engine = on_host(PLATFORM, NEAR, 4, SHORT)
     engine.state.p.x[1] = torch.nan
     step = engine.step(torch.zeros(4, 8))
@@ -153,7 +147,7 @@ def test_a_lost_state_earns_nothing(on_host: Any) -> None:
 
 
 @two_a_thread
-def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> None:
+def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host):
     ramps = (Ramp("thrust_weight", 0.5, 100), Ramp("spawn_distance", (0.1, 0.2), 100))
     ours, theirs = (Curriculum(NEAR, ramps, dtype) for dtype in (np.float32, torch.float32))
     a = Engine(PLATFORM, ours.task, 16, SHORT)
@@ -168,7 +162,7 @@ def test_a_curriculum_moves_the_settings_of_a_compiled_kernel(on_host: Any) -> N
     np.testing.assert_allclose(seen, [[-4.0] * 2, [-2.08] * 2, [-0.16] * 2], rtol=1e-6)
 
 
-def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
+def test_settings_that_would_be_read_wrongly_are_refused(on_host):
     """The kernel is given where they lie, not what they are."""
     task = Curriculum(NEAR, [Ramp("thrust_weight", 0.5, 100)], torch.float64).task
     with pytest.raises(
@@ -193,9 +187,7 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host: Any) -> None:
         AttributeError("'Symbol' object has no attribute 'clamp'"),
     ],
 )
-def test_without_a_kernel_torch_makes_the_step(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_without_a_kernel_torch_makes_the_step(error, monkeypatch):
     def fail(*_: Any) -> None:
         raise error
 
@@ -221,7 +213,7 @@ def with_actuators(kind: Any) -> Spacecraft:
     ids=str,
 )
 @pytest.mark.usefixtures("together")
-def test_shares_of_thrust(on_host: Any, kind: Any, dtype: torch.dtype) -> None:
+def test_shares_of_thrust(on_host, kind, dtype):
     """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
     made: Any = (with_actuators(kind), SwitchingGoToPose(**vars(NEAR)), 16, SHORT)
     ours = Engine(*made, seed=SEED, dtype=dtype)
@@ -253,12 +245,12 @@ def like_near(kind: Any) -> Any:
 
 
 @two_a_thread
-def test_numbers_that_are_not_finite(on_host: Any) -> None:
+def test_numbers_that_are_not_finite(on_host):
     assert ends(on_host, PLATFORM, like_near(Unbounded), 16, SHORT) > 16
 
 
 @both_crafts
-def test_a_body_for_every_spacecraft(on_host: Any, craft: Spacecraft) -> None:
+def test_a_body_for_every_spacecraft(on_host, craft):
     nominal = Body.of(craft)
     scale = torch.linspace(0.5, 2.0, 16, dtype=torch.float64)
     gain = tuple(torch.roll(scale, k).clamp(max=1.0) for k in range(len(craft.thrusters)))
@@ -285,9 +277,7 @@ IN_ALL = {
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_every_condition_is_drawn_and_flown_as_on_numpy(
-    on_host: Any, effect: str, remember: bool, craft: Spacecraft
-) -> None:
+def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host, effect, remember, craft):
     made: Any = (craft, GoToPose(), 8, Timing(episode_steps=6))
     how: Any = {
         "seed": SEED,
@@ -309,7 +299,7 @@ def test_every_condition_is_drawn_and_flown_as_on_numpy(
     ],
     ids=["late", "late and gradual", "fault"],
 )
-def test_conditions_without_ranges_are_programs_too(on_host: Any, conditions: Conditions) -> None:
+def test_conditions_without_ranges_are_programs_too(on_host, conditions):
     """Where a period is cut is then known before; pieces of it come and go."""
     timing = Timing(episode_steps=12)
     assert ends(on_host, PLATFORM, GoToPose(), 8, timing, conditions=conditions) > 8

@@ -38,7 +38,7 @@ def alike(craft: Spacecraft, dtype: torch.dtype = torch.float64, **how: Any) -> 
     ("craft", "dtype"),
     [(FLYER, torch.float64), (PLATFORM, torch.float64), (PLATFORM, torch.float32)],
 )
-def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype) -> None:
+def test_numpy_and_torch_agree(craft, dtype):
     with torch.compiler.set_stance("force_eager"):
         alike(craft, dtype)
 
@@ -50,14 +50,14 @@ def test_numpy_and_torch_agree(craft: Spacecraft, dtype: torch.dtype) -> None:
 # torch.compile itself uses a part of torch that torch has deprecated.
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.*torch.jit.script_method:DeprecationWarning")
-def test_numpy_and_compiled_agree(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_numpy_and_compiled_agree(monkeypatch):
     # Processes that compile beside this one would each import torch.
     monkeypatch.setattr("torch._inductor.config.compile_threads", 1)
     alike(PLATFORM)
 
 
 @pytest.mark.slow
-def test_a_step_in_space_is_one_graph(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_in_space_is_one_graph(monkeypatch):
     """What torch's compiler is given, without the 20 s it would then take for the machine's code."""
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     alike(FLYER)
@@ -74,7 +74,7 @@ class Untraceable(GoToPose):
 
 
 @pytest.mark.slow
-def test_what_torch_cannot_compile_runs_eagerly(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_torch_cannot_compile_runs_eagerly(monkeypatch):
     monkeypatch.setattr(torch, "compile", partial(torch.compile, backend="eager"))
     ours = Engine(PLATFORM, Untraceable(), 4, SHORT, seed=2)
     theirs = torch_engine(PLATFORM, Untraceable(), 4, SHORT, seed=2)
@@ -89,7 +89,7 @@ def test_what_torch_cannot_compile_runs_eagerly(monkeypatch: pytest.MonkeyPatch)
 
 
 @both_crafts
-def test_float32_flies_where_float64_does(craft: Spacecraft) -> None:
+def test_float32_flies_where_float64_does(craft):
     """Over 25 s of commands held for a second; the target of the project is 1e-3 m and rad."""
     task = GoToPose(fail_distance=1e3, fail_spin=1e3)
     timing = Timing(episode_steps=126)
@@ -106,7 +106,7 @@ def test_float32_flies_where_float64_does(craft: Spacecraft) -> None:
     assert worst < 1e-3
 
 
-def test_a_state_moves_between_backends() -> None:
+def test_a_state_moves_between_backends():
     """A training saved on a GPU can be looked at on a machine without one, and the reverse."""
     numpy_engine = Engine(PLATFORM, NEAR, 8, SHORT, seed=9)
     run(numpy_engine, 7)
@@ -121,7 +121,7 @@ def test_a_state_moves_between_backends() -> None:
 
 
 @pytest.mark.slow
-def test_memory_does_not_grow() -> None:
+def test_memory_does_not_grow():
     engine = Engine(PLATFORM, NEAR, 4096, SHORT)
     action = actions(PLATFORM, 4096, 1)[0]
     engine.step(action)
@@ -154,9 +154,7 @@ def stronger(craft: Spacecraft, factor: float) -> Spacecraft:
         ("nasty spatial", 100.0),
     ],
 )
-def test_a_hundred_thousand_steps_without_nan(
-    name: str, factor: float, planar_craft: Spacecraft, spatial_craft: Spacecraft
-) -> None:
+def test_a_hundred_thousand_steps_without_nan(name, factor, planar_craft, spatial_craft):
     """Random, held, one-sided and full thrust; also a hundred times too much of it."""
     own = {"nasty planar": planar_craft, "nasty spatial": spatial_craft}
     craft = stronger(own.get(name) or load_spacecraft(name), factor)
