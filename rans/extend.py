@@ -164,6 +164,8 @@ if TYPE_CHECKING:
     from rans.policy.architecture import Architecture as Architecture
     from rans.policy.authority import Authority as Authority
     from rans.policy.capabilities import Capabilities as Capabilities
+    from rans.policy.frame_rotation import cross as cross
+    from rans.policy.frame_rotation import vector_in_rotated_frame as vector_in_rotated_frame
     from rans.policy.network import Network as Network
     from rans.policy.preprocess import ColumnExecutor as ColumnExecutor
     from rans.policy.preprocess import TorchPreprocessor as TorchPreprocessor
@@ -213,9 +215,12 @@ if TYPE_CHECKING:
     from rans.tasks.goal_set import aims as aims
     from rans.tasks.observation_terms import AdvisedVelocityChange as AdvisedVelocityChange
     from rans.tasks.observation_terms import AngularVelocity as AngularVelocity
+    from rans.tasks.observation_terms import Block as Block
+    from rans.tasks.observation_terms import Columns as Columns
     from rans.tasks.observation_terms import Dimension as Dimension
     from rans.tasks.observation_terms import Information as Information
     from rans.tasks.observation_terms import InformationInW as InformationInW
+    from rans.tasks.observation_terms import Layout as Layout
     from rans.tasks.observation_terms import ObservationTerm as ObservationTerm
     from rans.tasks.observation_terms import RelativeRotation as RelativeRotation
     from rans.tasks.observation_terms import Scalar as Scalar

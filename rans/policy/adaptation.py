@@ -1,18 +1,20 @@
-"""What an estimator in flight is to a policy that adapts; an installed package has the estimator.
+"""What estimators in flight are to a policy; installed packages have them.
 
-A package registers a maker of estimators (entry point ``rans.estimators``) under the name "adaptation". A policy
-computes with it in torch and as a program that is written, which both are `Rows`.
+Packages register makers (entry point ``rans.estimators``): of the estimator of a policy that adapts, "adaptation",
+and of filters of readings, "filters". A policy computes with the first in torch and as a program that is written,
+which both are `Rows`, and with filters by formulas on fields.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
 from rans.model.fields import Field
 from rans.registry import Registry
+from rans.tasks.observation_terms import Columns, Layout
 
 SHUT = "shut"
 """Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
@@ -108,11 +110,54 @@ class Adaptation(Protocol):
         ...
 
 
-ESTIMATORS: Registry[Callable[..., Adaptation]] = Registry(
-    "estimator",
-    "rans.estimators",
-    {},
-    checked=lambda maker: maker,
+class Filters(Protocol):
+    """Filters of the readings of a policy, which predict them for one spacecraft and task.
+
+    They are a named tuple of numbers and tuples of them, as agents' files hold it. Their class has `read`, of a
+    table from a file (`ConfigError`, TypeError: it is damaged), and `of` craft, task, layout of its observations,
+    control period (s) and settings of a training (`ConfigError`: no filter follows what the task shows).
+    """
+
+    @property
+    def extra_columns(self) -> tuple[int, ...]:
+        """Columns of each filter's estimate beyond those of the observation."""
+        ...
+
+    def width(self, layout: Layout) -> int:
+        """Numbers of the memory, for columns of this layout; zeros are the memory where an episode begins."""
+        ...
+
+    def estimates(
+        self, layout: Layout, read: Columns, memory: Columns
+    ) -> list[tuple[Layout, Columns]]:
+        """The reading, or what replaces it, and the estimate of every filter, each with its layout.
+
+        Args:
+            layout: of the columns of a reading, in the body frame.
+            read: columns of the reading.
+            memory: (`width`,) fields.
+        """
+        ...
+
+    def after(
+        self, layout: Layout, read: Columns, memory: Columns, command: Columns
+    ) -> list[Field]:
+        """Memory after a reading and a command (thrusters,) from 0 to 1; other arguments as of `estimates`."""
+        ...
+
+    def fits(self, layout: Layout, thrusters: int) -> bool:
+        """Whether they have the sizes that this layout, of an observation in B, and these thrusters need.
+
+        Files of strangers come here: whatever is not of these sizes would be an error inside of a flight.
+        """
+        ...
+
+    def _asdict(self) -> dict[str, Any]: ...
+
+
+ESTIMATORS: Registry[Any] = Registry(
+    "estimator", "rans.estimators", {}, checked=lambda maker: maker
 )
-"""Makers of estimators, from tokens and authority of a policy (`rans.policy.architecture.Architecture`), whether a
-thruster with half of its force stays in use, the filling of its wheels, and whether it checks its thrusters."""
+"""Makers of estimators by their names. That of "adaptation" is given tokens and authority of a policy
+(`rans.policy.architecture.Architecture`), whether a thruster with half of its force stays in use, the filling of
+its wheels, and whether it checks its thrusters; for "filters" see `Filters`."""

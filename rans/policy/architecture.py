@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -18,15 +17,12 @@ from torch import Tensor, nn
 from rans.errors import ConfigError
 from rans.model.fields import Field
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.adaptation import ESTIMATORS, Adaptation
+from rans.policy.adaptation import ESTIMATORS, Adaptation, Filters
 from rans.policy.backbone_registry import backbone
 from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.heads import HEADS, Head
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
-
-if TYPE_CHECKING:
-    from rans.policy.filter_bank import Filters
 
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
@@ -259,9 +255,7 @@ class Architecture:
     @property
     def extra_columns(self) -> tuple[int, ...]:
         """Numbers beside the columns: as they are read, which is none, then as each filter has them."""
-        return 0, *(
-            filter_.extra_columns for filter_ in (self.filters.each if self.filters else ())
-        )
+        return 0, *(self.filters.extra_columns if self.filters else ())
 
     @property
     def preprocessed_width(self) -> int:
@@ -292,9 +286,8 @@ class Architecture:
     def filtered(self, row: Columns) -> list[tuple[Layout, Columns]]:
         """The gated reading, which is always the first, and the estimate of every filter, each with its layout.
 
-        A gate (`rans.policy.measurement_gate`) predicts readings that are missing or implausible. Torch's network
-        (`rans.policy.preprocess`) and the printed programs (`rans.policy.traced`) both take their input from this
-        list, in this order.
+        Torch's network (`rans.policy.preprocess`) and the printed programs (`rans.policy.traced`) both take their
+        input from this list, in this order.
 
         Args:
             row: columns of a reading in B, then the filters' memory.

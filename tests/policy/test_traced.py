@@ -15,19 +15,19 @@ from rans.fast.flights import Flights
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import effects
-from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
 from tests.support.engines import FLYER, PLATFORM
+from tests.support.filter_flights import bank
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
 
 THROTTLED = replace(PLATFORM, actuators=Throttle())
 PLATFORM_SHARED = load_spacecraft("floating-platform-shared")
 # Of eight there are more patterns than machine code compares.
 SUPPLIED = replace(PLATFORM_SHARED, thrusters=PLATFORM_SHARED.thrusters[:7])
-BANK = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.1, 1.0), (), 25.0, 5.0)
+BANK = bank(PLATFORM, WIDE, (0.1, 1.0), period=BRIEF.control_period)
 POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
     "on/off": (PLATFORM, {}),
     "space": (FLYER, {}),

@@ -6,11 +6,12 @@ from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
+from rans_estimation.filter_bank import Filters
+from rans_estimation.kalman_filter import Filter
 
 from rans import Spacecraft, Timing
 from rans.episode import Episode, World, step
-from rans.policy.filter_bank import Filters
-from rans.policy.kalman_filter import Filter
+from rans.fast.learn.config import FilterSettings, PPOSettings
 from rans.scenario import draws, scenarios
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
@@ -51,6 +52,16 @@ def followed(
 
 def made(craft: Spacecraft, task: Task, drift: float, response: float = 0.0) -> Filter:
     """One filter of a bank."""
-    bank = craft, task, TIMING.control_period, (drift,), (response,), 25.0, 5.0
-    (one,) = Filters.of(*bank).each
+    (one,) = bank(craft, task, (drift,), (response,)).each
     return one
+
+
+def bank(
+    craft: Spacecraft,
+    task: Task,
+    drift: tuple[float, ...],
+    response: tuple[float, ...] = (),
+    period: float = TIMING.control_period,
+) -> Filters:
+    settings = PPOSettings(filters=FilterSettings(drift, response))
+    return Filters.of(craft, task, layout(task, craft.dimension), period, settings)

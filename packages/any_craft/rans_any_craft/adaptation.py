@@ -21,12 +21,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import Authority, Field, Rows, at_least, where, within
+from rans.extend import (
+    Authority,
+    Field,
+    Rows,
+    at_least,
+    vector_in_rotated_frame,
+    where,
+    within,
+)
 from rans.model.fields import log
 from rans.model.twists import directions
 from rans.policy.adaptation import Estimate, Row
 from rans.policy.allocated import SHARED, spare, wheels
-from rans.policy.frame_rotation import vector_in_rotated_frame
 
 _WEAK = 0.2
 """Part of its force that a lost thruster gives by hypothesis: a weak one is nearer to it than to a sound one."""

@@ -25,6 +25,7 @@ from rans.errors import ConfigError, NonFiniteState, RansError, brief
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
+from rans.policy.adaptation import ESTIMATORS
 from rans.policy.allocated import holds
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES, backbone
@@ -262,19 +263,7 @@ def _architecture(table: dict[str, Any]) -> Architecture:
     if views is not None:
         views = Symmetries(*(views[name].numpy() for name in Symmetries._fields))
     filters = table.pop("filters", None)  # which agents of before did not have
-    bank = None
-    if filters is not None:
-        from rans.policy.filter_bank import Filters
-
-        filters = {"steady": [], "response": [], "gate": 0.0} | filters
-        bank = Filters(**{name: _numbers(value) for name, value in filters.items()})
-        estimated = [np.ravel(x).astype(bool).tolist() for x in (bank.steady, bank.response)]
-        if estimated[0] != estimated[1] or bank.gate == 0.0:
-            raise ConfigError(
-                "the agent has Kalman filters without a gate, or some that estimate steady accelerations or the "
-                "thrusters' response alone, as versions of RANS before 0.3 wrote them, which this one does not "
-                "read: train it anew."
-            )
+    bank = None if filters is None else ESTIMATORS["filters"].read(filters)
     if "continuous" in table:  # agents of before had one head for either kind of craft
         table["head"] = "gaussian" if table.pop("continuous") else "on-off"
     if (frame := table.pop("preprocessor", "body")) != "body":
@@ -408,11 +397,6 @@ def _value(name: str, value: Any) -> Any:
     if name in _LISTS:
         return tuple(map(_LISTS[name], value))
     return int(value) if name == "thrusters" else type(getattr(Architecture, name))(value)
-
-
-def _numbers(value: Any) -> Any:
-    """Number, or nested tuples of numbers for lists."""
-    return tuple(map(_numbers, value)) if isinstance(value, list) else float(value)
 
 
 def _are_views(views: Symmetries, architecture: Architecture) -> bool:

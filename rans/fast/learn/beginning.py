@@ -9,11 +9,13 @@ from typing import get_args
 import torch
 
 from rans.compile.preprocess import compiled_preprocessor
+from rans.effectors.commands import allowed, is_identity
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.learner import Learner, Made, Making
 from rans.fast.learn.ppo import PPOLearner
+from rans.policy.adaptation import ESTIMATORS
 from rans.policy.any_craft import effects
 from rans.policy.architecture import Architecture
 from rans.policy.backbone_registry import backbone
@@ -29,21 +31,15 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
     """
     craft = engine.craft
     memory = settings.memory
-    filters = settings.filters
     period = engine.timing.control_period
     bank = None
-    if filters.drift:
-        from rans.policy.filter_bank import Filters
-
-        bank = Filters.of(
-            craft,
-            engine.task,
-            period,
-            filters.drift,
-            filters.response,
-            filters.steady,
-            filters.gate,
-        )
+    if settings.filters.drift:
+        if not is_identity(craft):
+            raise ConfigError(
+                f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
+                f"{allowed(craft)}: train without filters, with memory.history=8."
+            )
+        bank = ESTIMATORS["filters"].of(craft, engine.task, engine.layout, period, settings)
     allocates = settings.backbone == "allocated"
     if allocates and craft.is_continuous:
         raise ConfigError(

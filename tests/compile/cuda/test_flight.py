@@ -17,9 +17,9 @@ from rans.episode import Setup
 from rans.fast.flights import Flights
 from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
-from rans.policy.filter_bank import Filters
 from rans.policy.network import Network
 from tests.support.engines import PLATFORM
+from tests.support.filter_flights import bank
 from tests.support.host_flight import HostFlights
 from tests.support.host_kernels import needs_compiler
 from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
@@ -104,8 +104,8 @@ def test_a_history_of_one_row_seen_from_the_side(tmp_path: Path) -> None:
     ],
 )
 def test_filters_in_noise(response: Any, settings: Any, tmp_path: Path) -> None:
-    bank = Filters.of(PLATFORM, WIDE, BRIEF.control_period, (0.01, 1.0), response, 25.0, 5.0)
-    network = policy(PLATFORM, filters=bank, **settings)
+    filters = bank(PLATFORM, WIDE, (0.01, 1.0), response, BRIEF.control_period)
+    network = policy(PLATFORM, filters=filters, **settings)
     kernel, stepped = both(
         network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path, products="bf16x6"
     )

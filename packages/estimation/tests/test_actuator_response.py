@@ -6,15 +6,14 @@ import itertools
 
 import numpy as np
 import pytest
+from rans_estimation.actuator_response import Response
 from scipy.optimize import lsq_linear
 
 from rans import TASKS, BodyConditions, Conditions, ThrusterConditions
 from rans.episode import Setup, World
-from rans.policy.actuator_response import Response
-from rans.policy.filter_bank import Filters
 from rans.tasks.derived import layout
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.filter_flights import COUNT, TIMING, commands, followed
+from tests.support.filter_flights import COUNT, TIMING, commands, followed, made
 
 LATE = 0.05
 SLOW = 1.25
@@ -72,7 +71,7 @@ def test_what_is_not_as_designed_is_found(
 ):
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task = TASKS["go-to-pose"]()
-    (found_by,) = Filters.of(craft, task, TIMING.control_period, (0.1,), (25.0,), 25.0, 5.0).each
+    found_by = made(craft, task, 0.1, 25.0)
     world = World(Setup(craft, task, TIMING, conditions))
     given = itertools.islice(commands(craft, 0.02), 50)
     *_, (_, read, memory) = followed(world, found_by, given)

@@ -16,17 +16,19 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.model.fields import Field, at_least, where
-from rans.policy.frame_rotation import tilt_between
-from rans.policy.kalman_filter import Filter
-from rans.policy.kinematic_roles import SPIN
-from rans.tasks.observation_terms import (
+from rans.extend import (
     AngularVelocity,
     Columns,
+    Field,
     Layout,
     ObservationTerm,
     RelativeRotation,
+    at_least,
+    where,
 )
+from rans_estimation.frame_rotation import tilt_between
+from rans_estimation.kalman_filter import Filter
+from rans_estimation.kinematic_roles import SPIN
 
 PATIENCE = 5.0
 """Control periods after a command in which a repeated reading of a perfect sensor may be a missed one."""

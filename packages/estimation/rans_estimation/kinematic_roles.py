@@ -7,20 +7,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.model.dynamics import State
-from rans.tasks.base import Task, typed_observation
-from rans.tasks.derived import example_state
-from rans.tasks.observation_terms import (
+from rans.extend import (
     AngularVelocity,
     Columns,
+    ConfigError,
     Dimension,
+    Layout,
     ObservationTerm,
-    OwnRotation,
     RelativeRotation,
-    TaskDependent,
+    State,
+    Task,
     VectorInW,
 )
+from rans.tasks.derived import example_state
 
 POSITION = 0
 VELOCITY = 1
@@ -32,23 +31,30 @@ Sensitivity = tuple[float, float, float]
 
 At most one of the three is not zero: a block is a position, a velocity, an angular velocity, or none of them.
 """
+_CONSTANT: Sensitivity = (0.0, 0.0, 0.0)
 
 
-def sensitivities(task: Task, dimension: Dimension) -> list[Sensitivity]:
+def sensitivities(task: Task, body: Layout, dimension: Dimension) -> list[Sensitivity]:
     """Sensitivity of each block of an observation in the body frame; zeros for the relative rotation.
+
+    Args:
+        task: whose data follow the velocities and the task flag.
+        body: layout of the whole observation (`Layout.body`).
+        dimension: of the motion.
 
     Raises:
         ConfigError: a block mixes position, velocity and angular velocity, or is none of them but changes.
     """
     state, goal = example_state(task, dimension)
-    terms = typed_observation(task, state, goal).terms
-    nudged_states = [_nudged(state, name) for name in ("p", "v", "w")]
-    nudged_terms = [typed_observation(task, nudged, goal).terms for nudged in nudged_states]
-    return [
-        (0.0, 0.0, 0.0) if issubclass(type(term), RelativeRotation) else _sensitivity(term, nudged)
-        for term, *nudged in zip(terms, *nudged_terms, strict=True)
-        if not isinstance(term, OwnRotation)
+    states = state, *(_nudged(state, name) for name in ("p", "v", "w"))
+    data = zip(*(task.observation_terms(each, goal) for each in states), strict=True)
+    result = [
+        (0.0, 1.0, 0.0),
+        (0.0, 0.0, 1.0),
+        _CONSTANT,
+        *(_sensitivity(term, nudged) for term, *nudged in data if term.block() in body.blocks),
     ]
+    return result + [_CONSTANT] * (len(body.blocks) - len(result))
 
 
 def _nudged(state: State, name: str) -> State:
@@ -70,6 +76,8 @@ def _sensitivity(term: ObservationTerm, nudged: Sequence[ObservationTerm]) -> Se
     Raises:
         ConfigError: other columns move too, or the term is not linear in just one of the three.
     """
+    if isinstance(term, RelativeRotation):
+        return _CONSTANT
     # Growth of the first column, and whether the others stay.
     first, *others = (np.asarray(x, float) for x in term.columns())
     growth = [
@@ -90,7 +98,7 @@ def _sensitivity(term: ObservationTerm, nudged: Sequence[ObservationTerm]) -> Se
         else []
     )
     has_role = others_stay and len(nonzero(growth)) <= 1 and any(growth) == any(allowed_growth)
-    if isinstance(term, TaskDependent) or not has_role:
+    if term.block().choices or not has_role:
         raise ConfigError(
             f"filters cannot follow the observed {term.name!r}: it is neither a place, a "
             "velocity nor an angular velocity, but changes with them. Train without "

@@ -9,9 +9,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rans.model.fields import Field, at_least, where
-from rans.policy.frame_rotation import cross, scaled_sum, vector_in_rotated_frame
-from rans.tasks.observation_terms import Columns
+from rans.extend import Columns, Field, at_least, cross, vector_in_rotated_frame, where
+from rans_estimation.frame_rotation import scaled_sum
 
 _WANDER = 1e-4
 """Variance that the coefficients gain in every period: a converged estimate still follows a later change."""

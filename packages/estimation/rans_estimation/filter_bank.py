@@ -6,21 +6,16 @@ estimates itself (docs/decisions/robustness.md).
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import accumulate, pairwise, zip_longest
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.effectors.commands import allowed, is_identity
-from rans.errors import ConfigError
-from rans.model.fields import Field
-from rans.model.spacecraft import Spacecraft
-from rans.policy.kalman_filter import Filter
-from rans.policy.kinematic_roles import Sensitivity, sensitivities
-from rans.policy.measurement_gate import GatedReading, GateMemory, gated_reading
-from rans.tasks.base import Task
-from rans.tasks.observation_terms import Columns, Layout
+from rans.extend import Columns, ConfigError, Field, Layout, PPOSettings, Spacecraft, Task
+from rans_estimation.kalman_filter import Filter
+from rans_estimation.kinematic_roles import Sensitivity, sensitivities
+from rans_estimation.measurement_gate import GatedReading, GateMemory, gated_reading
 
 
 class Filters(NamedTuple):
@@ -45,54 +40,59 @@ class Filters(NamedTuple):
     response: tuple[float, ...]
     """(filters,), see `Filter.response`; empty: 0 for each."""
     gate: float
-    """Threshold of a reading's innovation, see `rans.policy.measurement_gate`."""
+    """Threshold of a reading's innovation, see `rans_estimation.measurement_gate`."""
 
     @classmethod
     def of(
         cls,
         craft: Spacecraft,
         task: Task,
+        layout: Layout,
         period: float,
-        drift: Sequence[float],
-        response: Sequence[float],
-        steady: float,
-        gate: float,
+        settings: PPOSettings,
     ) -> Filters:
-        """Design the filters of a spacecraft.
-
-        Args:
-            craft: whose mass, inertia and thrust the filters rely on.
-            task: whose observation is filtered.
-            period: control period, s.
-            drift: variance of each filter, see `Filter.drift`.
-            response: variance of each filter, see `Filter.response`; empty: 0 for each.
-            steady: variance of the filters whose response is estimated, see `Filter.steady`.
-            gate: threshold of a reading's innovation.
-
-        Raises:
-            ConfigError: a filter cannot follow this observation, or commands that are not from 0 to 1.
-        """
-        if not is_identity(craft):
-            raise ConfigError(
-                f"filters follow thrusters whose commands are from 0 to 1, and {craft.name!r} takes "
-                f"{allowed(craft)}: train without filters, with memory.history=8."
-            )
+        """Filters of a training (`rans.policy.adaptation.Filters`)."""
         force, torque = np.split(craft.wrenches, [craft.dimension], axis=1)
         spins = slice(-torque.shape[1], None)  # in the plane about z alone
         inertia = np.array(craft.inertia)[spins, spins]
         gains = period / craft.mass * force, period * np.linalg.solve(inertia, torque.T).T
         push, twist = (tuple(map(tuple, gain.tolist())) for gain in gains)
-        drift, response = (tuple(map(float, x)) for x in (drift, response))
+        chosen = settings.filters
+        drift, response = (tuple(map(float, x)) for x in (chosen.drift, chosen.response))
         return cls(
             drift,
             period,
             push,
             twist,
-            tuple(sensitivities(task, craft.dimension)),
-            tuple(steady * bool(x) for x in response),
+            tuple(sensitivities(task, layout.body, craft.dimension)),
+            tuple(chosen.steady * bool(x) for x in response),
             response,
-            gate,
+            chosen.gate,
         )
+
+    @classmethod
+    def read(cls, table: dict[str, Any]) -> Filters:
+        """Filters of an agent's file, as `_asdict` has them; tables of before lack some names.
+
+        Raises:
+            ConfigError: they are of a kind that only earlier versions had.
+            TypeError: a name is missing or unknown.
+        """
+        table = {"steady": [], "response": [], "gate": 0.0} | table
+        found = cls(**{name: _numbers(value) for name, value in table.items()})
+        estimated = [np.ravel(x).astype(bool).tolist() for x in (found.steady, found.response)]
+        if estimated[0] != estimated[1] or found.gate == 0.0:
+            raise ConfigError(
+                "the agent has Kalman filters without a gate, or some that estimate steady accelerations or the "
+                "thrusters' response alone, as versions of RANS before 0.3 wrote them, which this one does not "
+                "read: train it anew."
+            )
+        return found
+
+    @property
+    def extra_columns(self) -> tuple[int, ...]:
+        """Of each filter, see `Filter.extra_columns`."""
+        return tuple(one.extra_columns for one in self.each)
 
     @property
     def each(self) -> tuple[Filter, ...]:
@@ -195,3 +195,8 @@ class Filters(NamedTuple):
         numbers = isinstance(self.period, float) and isinstance(self.gate, float)
         numbers = numbers and 1e-6 <= self.gate <= 1e6
         return consistent and numbers and tuple(map(np.shape, self[2:5])) == sizes
+
+
+def _numbers(value: Any) -> Any:
+    """Number, or nested tuples of numbers for lists."""
+    return tuple(map(_numbers, value)) if isinstance(value, list) else float(value)

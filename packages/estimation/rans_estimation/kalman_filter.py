@@ -12,31 +12,28 @@ from typing import NamedTuple, cast
 
 import numpy as np
 
-from rans.model.fields import Field, where
-from rans.policy.actuator_response import Response
-from rans.policy.frame_rotation import (
-    block_in_rotated_frame,
+from rans.extend import (
+    AngularVelocity,
+    Block,
+    Columns,
+    Field,
+    Layout,
+    RelativeRotation,
+    Scalar,
+    VectorInW,
     cross,
-    scaled_sum,
-    tilt_between,
     vector_in_rotated_frame,
+    where,
 )
-from rans.policy.kinematic_roles import (
+from rans_estimation.actuator_response import Response
+from rans_estimation.frame_rotation import block_in_rotated_frame, scaled_sum, tilt_between
+from rans_estimation.kinematic_roles import (
     POSITION,
     SPIN,
     VELOCITY,
     Sensitivity,
     in_units_of,
     nonzero,
-)
-from rans.tasks.observation_terms import (
-    AngularVelocity,
-    Block,
-    Columns,
-    Layout,
-    RelativeRotation,
-    Scalar,
-    VectorInW,
 )
 
 _Covariance = tuple[Field, Field, Field, Field, Field, Field]
@@ -70,8 +67,8 @@ class Filter(NamedTuple):
     steady: float
     """Prior variance of the steady accelerations."""
     response: float
-    """Prior variance of the responses (`rans.policy.actuator_response`), in units of the noise over the effect of
-    the strongest thruster; 0: thrusters are taken to act as designed, and no accelerations to be steady."""
+    """Prior variance of the responses (`rans_estimation.actuator_response`), in units of the noise over the effect
+    of the strongest thruster; 0: thrusters are taken to act as designed, and no accelerations to be steady."""
     period: float
     """Control period, s."""
     push: tuple[tuple[float, ...], ...]

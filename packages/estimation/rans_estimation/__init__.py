@@ -1,0 +1,1 @@
+"""Kalman filters within policies (entry point ``filters`` of the group ``rans.estimators``)."""
