@@ -116,7 +116,6 @@ EVERY = (
     "validate own.toml",
     "benchmark",
     "twin own.toml --bus udp --seconds 0.2",
-    "identify --excite own.toml",
     "team --deputies 1 --episodes 1",
 )
 """Commands in an order in which each has what it needs."""

@@ -53,7 +53,7 @@ if TYPE_CHECKING:
 
 API = {
     "Agents and commands": (
-        "train tune load_agent Agent evaluate compare stress assure follow faults identify excite "
+        "train tune load_agent Agent evaluate compare stress assure follow faults identify "
         "init_spacecraft join_spacecraft validate benchmark view report export "
         "optimal_trajectory certify state"
     ),

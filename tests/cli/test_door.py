@@ -23,7 +23,6 @@ OTHERWISE = {
     ("train", "task"): "--resume and the config.json of a run stand in its place",
     ("optimal", "task"): "a terminal asks for it",
     ("optimal", "start"): "Python counts the starts, and the terminal has --episodes",
-    ("identify", "spacecraft"): "--excite has it in its own text",
 }
 """Arguments whose default differs, with the reason."""
 

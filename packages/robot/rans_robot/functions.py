@@ -93,40 +93,6 @@ def identify(
     )
 
 
-@settled_alone
-def excite(
-    spacecraft: SpacecraftLike,
-    folder: str | Path,
-    box: float = 3.0,
-    seconds: float = 60.0,
-    period: float = 0.2,
-    seed: int = 0,
-) -> Path:
-    """Write an agent for `rans fly` with the most informative commands about a spacecraft, and return its folder.
-
-    It keeps the spacecraft in a box round the goal of the flight, and shuts all valves when the time is up.
-
-    >>> with tempfile.TemporaryDirectory() as folder:
-    ...     sorted(file.name for file in rans.excite("floating-platform", f"{folder}/excitation").iterdir())
-    ['contract.json', 'excitation.json', 'golden.json', 'spacecraft.toml']
-
-    Args:
-        spacecraft: name, TOML file or `Spacecraft`: the data sheet.
-        folder: new folder.
-        box: side of the box, m.
-        seconds: length of the flight, s.
-        period: control period, s.
-        seed: of the random commands among which the best are chosen.
-
-    Raises:
-        ConfigError: the spacecraft has wheels, propellant or effectors of other kinds, or the folder exists.
-    """
-    from rans_robot.excitation import write_excitation
-
-    craft = load_spacecraft(spacecraft)
-    return write_excitation(craft, Path(folder), box, seconds, period, seed)
-
-
 def fly_on_robot(
     agent: str,
     *,
@@ -143,7 +109,7 @@ def fly_on_robot(
 
     Args:
         agent: run folder, name of an agent of RANS, onnx:FILE:TASK-2d@SPACECRAFT (a network of another library),
-            the folder of an export as onnx or of `rans identify --excite`, or with --trust one as numpy. #TASK
+            the folder of an export as onnx, or with --trust one as numpy. #TASK
             selects one of the tasks of a multi-task agent.
         bus: transport: dds (ROS 2 and PX4), zenoh (rmw_zenoh) or udp (within this machine), in the domain
             ROS_DOMAIN_ID and for the distribution ROS_DISTRO. zenoh:LOCATOR connects to another router than ROS 2's

@@ -48,7 +48,6 @@ from rans.extend import (
 )
 from rans.safety_filters import safety_filter
 from rans.tasks.base import observation
-from rans_robot.excitation import EXCITATION, Excited
 from rans_robot.frames import Motion, heading_of, quaternion_of
 from rans_robot.interfaces import (
     Interface,
@@ -510,7 +509,7 @@ class _Network:
 
 def runs_code(folder: Path) -> bool:
     """Whether the agent of an exported folder is agent.py, whose code a flight runs."""
-    return not any((folder / name).exists() for name in ("agent.onnx", EXCITATION))
+    return not (folder / "agent.onnx").exists()
 
 
 def code_of(file: Path) -> ModuleType:
@@ -546,8 +545,8 @@ def _failing(file: Path) -> Iterator[None]:
 def exported_agent(folder: Path) -> Any:
     """The agent of an exported folder, whose golden pairs come out as they should.
 
-    It has ``reset()``, ``act(observation)`` and the sentence ``note``. It is the network agent.onnx, the commands
-    of `rans identify --excite`, or the code of agent.py (`runs_code`).
+    It has ``reset()``, ``act(observation)`` and the sentence ``note``. It is the network agent.onnx, or the
+    code of agent.py (`runs_code`).
 
     Raises:
         ConfigError: files are missing, or some pairs do not come out as they should.
@@ -560,7 +559,7 @@ def exported_agent(folder: Path) -> Any:
         )
     file = inside(folder, "agent.py")
     if not runs_code(folder):
-        agent: Any = _Network(folder) if (folder / "agent.onnx").exists() else Excited(folder)
+        agent: Any = _Network(folder)
         file = inside(folder, "golden.json")
         with _failing(file):
             right, count = _right_pairs(agent, read_json(file))
@@ -572,7 +571,7 @@ def exported_agent(folder: Path) -> Any:
     if right != count:
         raise ConfigError(
             f"{count - right} of {count} golden pairs of {folder} come out wrong: its files are of "
-            "different agents or versions, or damaged. Write it anew, by rans export or rans identify --excite."
+            "different agents or versions, or damaged. Write it anew, by rans export."
         )
     agent.reset()
     return agent

@@ -67,7 +67,7 @@ _FARTHEST = 20.0
 """Standard deviations of the prior beyond which no value is sought."""
 _APART = 60.0
 """s between two logs on one axis of time, in which every force has died away."""
-DIFFERENCE = 1e-4
+_DIFFERENCE = 1e-4
 """Step of finite differences, in standard deviations of the prior."""
 
 
@@ -474,9 +474,9 @@ class _Solver:
         index = np.minimum(firsts[:, None] + np.arange(length + 1), readings - 1)
         times = self.times[:, index].reshape(-1, length + 1)
         values = np.repeat(self.values[None], sets, axis=0)
-        values[1 : 1 + count] += np.diag(self.prior * DIFFERENCE)
+        values[1 : 1 + count] += np.diag(self.prior * _DIFFERENCE)
         changes = np.zeros((sets, len(times), self.width))
-        changes[1 + count :] = DIFFERENCE * np.eye(self.width)[:, None]
+        changes[1 + count :] = _DIFFERENCE * np.eye(self.width)[:, None]
         starts = self.path[:, firsts].reshape(len(times), -1)
         starts = self._moved(np.repeat(starts[None], sets, axis=0), changes)
         ends = predicted(
@@ -487,7 +487,7 @@ class _Solver:
             np.tile(times, (sets, 1)),
             _COARSE,
         ).reshape(sets, windows, *index.shape, -1)
-        slopes = np.moveaxis(self._difference(ends[1:], ends[:1]) / DIFFERENCE, 0, -1)
+        slopes = np.moveaxis(self._difference(ends[1:], ends[:1]) / _DIFFERENCE, 0, -1)
         chain = np.zeros((windows, readings, self.width, sets - 1))
         chain[:, 0, :, count:] = np.eye(self.width)
         for k, at in enumerate(index):

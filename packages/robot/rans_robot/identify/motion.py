@@ -192,16 +192,6 @@ def predicted(
     delivered = thrusts.delivered(grid, physics.latency, physics.rise)
     step = step[..., None]
     wrench = np.diff(delivered, axis=1) / step * physics.gain[:, None] @ craft.wrenches
-    return moved(craft, physics, start, wrench, step)[:, np.append(0, np.cumsum(counts))]
-
-
-def moved(
-    craft: Spacecraft, physics: Physics, start: np.ndarray, wrench: np.ndarray, step: np.ndarray
-) -> np.ndarray:
-    """States (K, S + 1, columns) of K windows at the ends of S steps (K, S, 1), s, as in `predicted`.
-
-    In each step a wrench (K, S, 3 or 6) acts, N and N m in B.
-    """
     # The motion about the centre of mass, and the force in W in the middle of each step.
     d = craft.dimension
     position, attitude, velocity, spin = np.split(start, np.cumsum(SIZES[d][:-1]), axis=1)
@@ -213,7 +203,8 @@ def moved(
     acceleration = (pushed + push[:, None]) / craft.mass
     velocities = _summed(velocity, acceleration * step)
     positions = _summed(position, velocities[:, :-1] * step + 0.5 * acceleration * step**2)
-    return np.concatenate([positions, attitudes, velocities, spins], axis=-1)
+    states = np.concatenate([positions, attitudes, velocities, spins], axis=-1)
+    return states[:, np.append(0, np.cumsum(counts))]
 
 
 def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
