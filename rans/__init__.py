@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from rans.api.agent import Agent as Agent
     from rans.api.agent import load_agent as load_agent
     from rans.api.drafting import init_spacecraft as init_spacecraft
-    from rans.api.drafting import join_spacecraft as join_spacecraft
     from rans.api.flying import fly as fly
     from rans.api.judging import compare as compare
     from rans.api.judging import evaluate as evaluate

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, RansWarning, brief
 from rans.model.foreign import Foreign, is_foreign, read_foreign
-from rans.model.joined import Effectors, joined
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_draft import commented
@@ -30,6 +29,12 @@ class Draft:
 
     spacecraft: Spacecraft
     text: str
+
+    @classmethod
+    def of(cls, craft: Spacecraft, origin: Sequence[str]) -> Draft:
+        """Draft whose text begins with these lines; it is read again, so that a draft is what its file will be."""
+        text = commented(craft, origin)
+        return cls(parse_spacecraft(text, craft.name), text)
 
     def __repr__(self) -> str:
         return f"<Draft of {self.spacecraft!r}>"
@@ -131,45 +136,8 @@ def init_spacecraft(
         craft = replace(start, name=name)
     for doubt in (*remarks, *misfits(craft)):
         warnings.warn(f"of {source}: {doubt}.", RansWarning, stacklevel=2)
-    # The text is read again, so that a draft is what its file will be.
     origin = [f"Written by rans init, from {source}.", *(f"Of that file: {x}." for x in remarks)]
-    text = commented(craft, origin)
-    return Draft(parse_spacecraft(text, name), text)
-
-
-def join_spacecraft(
-    first: str | Path | Spacecraft,
-    second: str | Path | Spacecraft,
-    position: Sequence[float],
-    attitude: float | Sequence[float] = 0.0,
-    *,
-    effectors: Effectors = "both",
-    name: str | None = None,
-) -> Draft:
-    """Describe two rigidly joined spacecraft, such as after docking, as one, and return it with its TOML file.
-
-    >>> rans.join_spacecraft("atmos", "atmos", (0.4, 0.0), name="pair").spacecraft
-    <Spacecraft pair: 35.6 kg in the plane, thrusters 16 x 1.5 N>
-
-    Masses add up, and the inertia about the common centre of mass follows from the parallel axis theorem. The
-    frame G of the first stays. Thrusters and wheels of the first come first.
-
-    Args:
-        first: name, TOML file or object.
-        second: likewise, of the same dimension.
-        position: origin of the second's frame G in that of the first, m: two numbers in the plane, three in space.
-        attitude: of the second's G in that of the first: heading, rad, or in space a quaternion (w, x, y, z).
-        effectors: "both", or "first": the second is a passive body, without its thrusters, with locked wheels.
-        name: of the joined craft; None: FIRST-SECOND.
-
-    Raises:
-        ConfigError: the dimensions differ, a number is wrong, or the effectors of both cannot belong to one craft.
-    """
-    craft = joined(
-        load_spacecraft(first), load_spacecraft(second), position, attitude, effectors, name
-    )
-    text = commented(craft, ["Written by rans.join_spacecraft."])
-    return Draft(parse_spacecraft(text, craft.name), text)
+    return Draft.of(craft, origin)
 
 
 def check_target(file: Path, overwrite: bool = False) -> None:

@@ -10,7 +10,6 @@ import pytest
 
 from rans import ConfigError
 from rans.model.dynamics import wrench
-from rans.model.joined import joined
 from rans.model.spacecraft import Thruster, controls_every_direction
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.pretrained import pretrained_folder
@@ -117,7 +116,7 @@ def test_every_shipped_spacecraft_is_controllable(shipped):
 
 @pytest.mark.parametrize("factor", [0.1, 2.5, 5.0])
 def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor, tmp_path):
-    """Whatever stands beside it: it flies, joins, is written and comes back."""
+    """Whatever stands beside it: it flies, is written and comes back."""
     craft = load_spacecraft("floating-platform")
     (a, _, _), (_, b, _), (_, _, c) = craft.inertia
     heavier = dataclasses.replace(
@@ -130,8 +129,5 @@ def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor, tmp_path):
     )
     (tmp_path / "heavier.toml").write_text(to_toml(heavier))
     assert load_spacecraft(str(tmp_path / "heavier.toml")).inertia == heavier.inertia
-    # Side by side their moments add up, and each mass is half of the distance away.
-    pair = joined(heavier, heavier, (1.0, 0.0))
-    assert pair.inertia[2][2] == pytest.approx(2.0 * factor * c + 0.5 * craft.mass)
     with pytest.raises(ConfigError, match="about z"):
         dataclasses.replace(craft, inertia=((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, -c)))

@@ -8,12 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_any_craft.joining import join_spacecraft
 from scipy.spatial.transform import Rotation
 
 from rans import Spacecraft
 from rans.model.actuators import Wheel
-from rans.model.joined import joined
 from rans.model.spacecraft_file import load_spacecraft
+
+
+def joined(*args, **named):
+    return join_spacecraft(*args, **named).spacecraft
 
 
 def box(name: str, sides: tuple[float, float, float], density: float = 100.0) -> Spacecraft:

@@ -5,51 +5,53 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Literal, get_args
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
-from rans.model.actuators import Wheel
-from rans.model.spacecraft import Spacecraft, Thruster
-
-Effectors = Literal["both", "first"]
-"""Which thrusters and wheels two joined craft have: those of both, or those of the first alone."""
+from rans.api.drafting import Draft
+from rans.extend import ConfigError, Spacecraft, brief, load_spacecraft
 
 
-def joined(
-    first: Spacecraft,
-    second: Spacecraft,
+def join_spacecraft(
+    first: str | Path | Spacecraft,
+    second: str | Path | Spacecraft,
     position: Sequence[float],
     attitude: float | Sequence[float] = 0.0,
-    effectors: Effectors = "both",
+    *,
+    effectors: Literal["both", "first"] = "both",
     name: str | None = None,
-) -> Spacecraft:
-    """The rigid body of two spacecraft, in the frame G of the first.
+) -> Draft:
+    """Describe two rigidly joined spacecraft, such as after docking, as one, and return it with its TOML file.
+
+    >>> rans.join_spacecraft("atmos", "atmos", (0.4, 0.0), name="pair").spacecraft
+    <Spacecraft pair: 35.6 kg in the plane, thrusters 16 x 1.5 N>
 
     Masses add up, the centre of mass is theirs together, and the inertia about it follows from the parallel axis
-    theorem. Thrusters and wheels of the first come first. Drawings have a sphere around both.
+    theorem. The frame G of the first stays. Thrusters and wheels of the first come first. Drawings have a sphere
+    around both.
 
     Args:
-        first: craft whose frame G stays.
-        second: craft of the same dimension.
+        first: name, TOML file or object.
+        second: likewise, of the same dimension.
         position: origin of the second's frame G in that of the first, m: two numbers in the plane, three in space.
         attitude: of the second's G in the first's: heading, rad, or in space a quaternion (w, x, y, z) of any
             length; 0: axes are parallel.
-        effectors: "first" leaves out thrusters and wheels of the second, which is then a passive body: its wheels
-            are locked.
+        effectors: "both", or "first": the second is a passive body, without its thrusters, with locked wheels.
         name: of the joined craft; None: FIRST-SECOND.
 
     Raises:
         ConfigError: dimensions differ, numbers are wrong, or the effectors of both cannot belong to one craft.
     """
+    first, second = load_spacecraft(first), load_spacecraft(second)
     dimension = first.dimension
     if second.dimension != dimension:
         raise ConfigError(
             f"{first.name} moves in {'the plane' if dimension == 2 else 'space'} and {second.name} does not: both "
             "must have the same dimension."
         )
-    if effectors not in get_args(Effectors):
+    if effectors not in ("both", "first"):
         raise ConfigError(f"effectors must be both or first, got {brief(effectors)}.")
     offset = np.zeros(3)
     offset[:dimension] = _numbers(position, dimension, "position")
@@ -82,28 +84,22 @@ def joined(
     if effectors == "both":
         supplies = 1 + max((thruster.supply for thruster in first.thrusters), default=-1)
         thrusters += tuple(
-            Thruster(
-                _triple(offset + rotation @ np.array(thruster.position)),
-                _triple(rotation @ np.array(thruster.direction)),
-                thruster.force,
-                supplies + thruster.supply,
+            replace(
+                thruster,
+                position=_triple(offset + rotation @ np.array(thruster.position)),
+                direction=_triple(rotation @ np.array(thruster.direction)),
+                supply=supplies + thruster.supply,
             )
             for thruster in second.thrusters
         )
         wheels += tuple(
-            Wheel(
-                _triple(rotation @ np.array(wheel.axis)),
-                wheel.max_torque,
-                wheel.max_momentum,
-                wheel.inertia,
-            )
-            for wheel in second.wheels
+            replace(wheel, axis=_triple(rotation @ np.array(wheel.axis))) for wheel in second.wheels
         )
     reach = max(
         float(np.linalg.norm(point - centre)) + craft.radius
         for craft, point in zip((first, second), centres, strict=True)
     )
-    return replace(
+    craft = replace(
         first,
         name=name or f"{first.name}-{second.name}",
         mass=mass,
@@ -113,6 +109,7 @@ def joined(
         wheels=wheels,
         radius=reach,
     )
+    return Draft.of(craft, ["Written by rans.join_spacecraft."])
 
 
 def _check_effectors(first: Spacecraft, second: Spacecraft) -> None:
