@@ -44,7 +44,7 @@ def test_python_flies_the_conditions_that_it_names() -> None:
     assert read["bounds"]["any"]["failures"] == named.campaign.bound().events > 0
     # What was asked is stated by its content, also where it has a name.
     assert "position within 5 cm" in dict(read["scope"]["rows"])["requirement"]
-    assert ["conditions", "factor on the mass: 0.75 to 1.25"] in read["scope"]["rows"]
+    assert ["conditions", "body.mass 0.75 to 1.25"] in read["scope"]["rows"]
 
 
 @pytest.mark.slow
