@@ -142,8 +142,6 @@ if TYPE_CHECKING:
     from rans.model.fields import where as where
     from rans.model.fields import within as within
     from rans.model.fields import wrap as wrap
-    from rans.model.foreign import Foreign as Foreign
-    from rans.model.foreign import Nozzle as Nozzle
     from rans.model.random import Draws as Draws
     from rans.model.random import Random as Random
     from rans.model.random import seed_words as seed_words

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from rans.api.names import load_spacecraft
 from rans.errors import ConfigError, RansWarning, brief
-from rans.model.foreign import Foreign, is_foreign, read_foreign
+from rans.model.foreign import IMPORTERS, is_foreign
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_draft import commented
@@ -95,7 +95,7 @@ class Draft:
 def init_spacecraft(
     name: str,
     *,
-    base: str | Path | Spacecraft | Foreign | None = None,
+    base: str | Path | Spacecraft | None = None,
     dimension: int | None = None,
 ) -> Draft:
     """A new spacecraft that begins from another, with the commented TOML file in which to write its numbers.
@@ -115,15 +115,14 @@ def init_spacecraft(
     """
     if dimension is not None and dimension not in USUAL:
         raise ConfigError(f"dimension must be 2 (plane) or 3 (space), got {brief(dimension)}.")
-    if base is not None and not isinstance(base, Spacecraft | Foreign) and is_foreign(base):
-        base = read_foreign(Path(base))
-    if isinstance(base, Foreign):
+    if base is not None and not isinstance(base, Spacecraft) and is_foreign(base):
+        file = Path(base)
         if dimension is None:
             raise ConfigError(
-                f"{base.source} does not say whether it moves in the plane or in space: choose --dimension 2 or 3."
+                f"{file.name} does not say whether it moves in the plane or in space: choose --dimension 2 or 3."
             )
-        craft, remarks = base.spacecraft(name, dimension, load_spacecraft(USUAL[dimension]))
-        source = base.source
+        read = IMPORTERS[file.suffix.lower()[1:]]
+        craft, source, remarks = read(file, name, load_spacecraft(USUAL[dimension]))
     else:
         start = load_spacecraft(base or USUAL[dimension or 2])
         source = start.name

@@ -6,7 +6,7 @@ As in that plugin the force acts at the link's centre of mass along its z axis. 
 
 Sources: wiki.ros.org/urdf/XML and gz-sim ``SpacecraftThrusterModel.cc``.
 
-`rans.model.foreign` finds the reader by its entry point; everything here is in SI units and in the axes of the
+`rans.model.foreign` finds `imported` by its entry point; everything here is in SI units and in the axes of the
 file's root, and refusals are `ConfigError`.
 """
 
@@ -16,11 +16,14 @@ import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.extend import ConfigError, Foreign, Nozzle, brief, counted
+from rans.extend import ConfigError, Spacecraft, brief, counted, read_text
+from rans.model.spacecraft import MOST_THRUSTERS
+from rans_any_craft.foreign import Foreign, Nozzle
 
 _DECLARES = re.compile(r"<!\s*(ENTITY|ATTLIST|DOCTYPE)", re.IGNORECASE)
 """Declarations of entities, which can grow without bound."""
@@ -33,6 +36,8 @@ _COMMENT = re.compile(r"(<!\[CDATA\[.*?\]\]>)|<!--.*?-->", re.DOTALL)
 """A comment of XML, or text that may hold the beginning of one."""
 _PLUGIN = "SpacecraftThrusterModel"
 _MOST_LINKS = 10_000
+_LARGEST = 2**24
+"""Bytes: descriptions have some ten thousand, their meshes lie in other files."""
 
 
 @dataclass(frozen=True)
@@ -200,8 +205,33 @@ def _inertia(element: ET.Element | None) -> np.ndarray:
 # URDF
 
 
+def imported(file: Path, name: str, usual: Spacecraft) -> tuple[Spacecraft, str, tuple[str, ...]]:
+    """See `rans.model.foreign.Importer`."""
+    found = read_foreign(file)
+    craft, remarks = found.spacecraft(name, usual)
+    return craft, found.source, remarks
+
+
+def read_foreign(file: Path) -> Foreign:
+    """Mass properties and thrusters of a URDF.
+
+    Raises:
+        ConfigError: the file cannot be read, is damaged, or describes what is not one rigid body.
+    """
+    text = read_text(file, _LARGEST, "the spacecraft file ")
+    try:
+        draft = urdf(text, file.name)
+    except ConfigError as error:
+        raise ConfigError(f"{file}: {error}") from error
+    if len(draft.nozzles) > MOST_THRUSTERS:
+        raise ConfigError(
+            f"{file} has {len(draft.nozzles)} thrusters, and a spacecraft at most {MOST_THRUSTERS}."
+        )
+    return draft
+
+
 def urdf(text: str, name: str) -> Foreign:
-    """Mass properties and thrusters of a URDF in the frame of its root link; see `rans.model.foreign.Importer`.
+    """Mass properties and thrusters of a URDF in the frame of its root link; messages have the name.
 
     Joints are at zero, whatever their limits are.
     """

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rans_any_craft.foreign import Foreign
+from rans_any_craft.importers import read_foreign
 
 import rans
 from rans.errors import ConfigError
-from rans.model.foreign import Foreign, read_foreign
 from tests.support.damage import damaged
 
 

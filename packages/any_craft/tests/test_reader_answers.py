@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from rans_any_craft.importers import read_foreign
 
 import rans
-from rans.model.foreign import read_foreign
 from tests.support.reader_questions import (
     Answer,
     Answers,
