@@ -68,6 +68,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
     from rans.evaluation.fly.exported import load_exported as load_exported
     from rans.evaluation.fly.exported import read_contract as read_contract
+    from rans.evaluation.fly.user_policy import ForeignPolicy as ForeignPolicy
     from rans.evaluation.measure.aggregate import Metrics as Metrics
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.evaluation.measure.metrics import impulses as impulses
@@ -207,6 +208,7 @@ if TYPE_CHECKING:
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
     from rans.tasks.derived import is_constrained as is_constrained
+    from rans.tasks.derived import observation_width as observation_width
     from rans.tasks.go_to_pose import GoToPose as GoToPose
     from rans.tasks.goal_set import REST_SPEED as REST_SPEED
     from rans.tasks.goal_set import REST_SPIN as REST_SPIN

@@ -412,7 +412,7 @@ LEFT_ALONE = {
         "rans.optimal.control",
         "rans.reference",
         "rans.evaluation.compare",
-        "rans.evaluation.fly.foreign_policy",
+        "rans_foreign_policies",
         "rans.deploy",
     ),
 }

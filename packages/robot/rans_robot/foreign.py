@@ -24,6 +24,7 @@ from rans.extend import (
     contract,
     flights_of_training,
     golden_pairs,
+    observation_width,
     read_bytes,
     replace_file,
     to_toml,
@@ -31,7 +32,6 @@ from rans.extend import (
     write_text,
 )
 from rans.tasks import registered_name
-from rans.tasks.derived import observation_width
 
 _LARGEST = 2**26
 """Bytes of an ONNX file that is copied; networks in control have less than a thousandth of it."""

@@ -6,8 +6,7 @@ from typing import Any
 
 import cloudpickle
 
-from rans.evaluation.fly.foreign_policy import policy_of
-from rans.evaluation.fly.user_policy import UserPolicy
+from rans.evaluation.fly.user_policy import POLICIES, UserPolicy
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 
@@ -16,7 +15,7 @@ class ObjectPolicy(UserPolicy):
     """A policy that is an object: a Stable-Baselines3 model, a torch module, or a function of observations.
 
     Args:
-        policy: the object; see `policy_of`.
+        policy: the object.
         craft: spacecraft that it flies.
         task: task that it was trained for.
         name: name in tables; None: the name of its class or function.
@@ -30,7 +29,8 @@ class ObjectPolicy(UserPolicy):
     ) -> None:
         self._given = policy
         own = getattr(policy, "__name__", type(policy).__name__)
-        super().__init__(name or own, policy_of(policy, craft, task), craft, task)
+        decide = POLICIES["object"](policy, craft, task, False)
+        super().__init__(name or own, decide, craft, task)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process gets a copy of the object, pickled by value if its class is defined in a script."""

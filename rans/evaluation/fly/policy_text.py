@@ -5,14 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-OPENED_BY = {
-    "sb3": "rans.evaluation.fly.foreign_policy:of_sb3",
-    "onnx": "rans.evaluation.fly.foreign_policy:of_onnx",
-    "python": "rans.evaluation.fly.foreign_policy:of_python",
-}
-"""What opens a policy, by the word before the first colon of its text: a function of the rest, the craft, the task
-and trust."""
-
 USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
 """Forms of names that `user_policy` accepts, for messages and help.
 
@@ -22,7 +14,7 @@ Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
 
 def is_user_policy(spec: str) -> bool:
     """Whether a text names a policy of `USER_POLICIES`."""
-    return spec.partition(":")[0] in OPENED_BY and ":" in spec
+    return spec.startswith(("sb3:", "onnx:", "python:"))
 
 
 def is_flights_file(spec: str) -> bool:

@@ -4,19 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rans.effectors.commands import check_commands, clipped
 from rans.errors import ConfigError, brief, where_raised
-from rans.evaluation.fly.policy_text import OPENED_BY, USER_POLICIES, is_user_policy
+from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
 from rans.model.spacecraft import Spacecraft
-from rans.registry import resolve
+from rans.registry import Registry, resolve_typed
 from rans.tasks import Task
 
-if TYPE_CHECKING:
-    from rans.evaluation.fly.foreign_policy import ForeignPolicy
+ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any]]
+"""Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
+of where an episode begins, (N,) bool. It gives commands (N, commands), zeros and ones or numbers between, and the
+memory after them (None: there is none). It keeps nothing itself, so that many flights may ask it by turns."""
+
+POLICIES: Registry[Callable[[Any, Spacecraft, Task, bool], ForeignPolicy]] = Registry(
+    kind="reader of policies", group="rans.policies", built_in={}, checked=lambda reader: reader
+)
+"""Makers of policies, of the name of a file ("sb3", "onnx") or of an "object", of craft and task, and whether a
+file may run code. They refuse (`ConfigError`) what is no policy for these, or has a part that cannot be flown."""
 
 
 class UserPolicy:
@@ -129,5 +137,23 @@ def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
         raise ConfigError(f"there is no policy {brief(spec)}; known are {USER_POLICIES}.")
-    policy = resolve(OPENED_BY[kind])(name, craft, task, trust)
-    return UserPolicy(spec, policy, craft, task, trust)
+    given = name
+    if kind == "python":
+        kind, given = "object", _function(name)
+    return UserPolicy(spec, POLICIES[kind](given, craft, task, trust), craft, task, trust)
+
+
+def _function(name: str) -> Any:
+    """The function MODULE:FUNCTION of observations; importing it runs its code."""
+    module, _, function = name.rpartition(":")
+    if not module or not function:
+        raise ConfigError(
+            f"python:{name} must name a module and a function, as python:my_policy:act."
+        )
+    try:
+        policy = resolve_typed(name)
+    except ConfigError as error:
+        raise ConfigError(f"python:{name} cannot be imported: {error}") from error
+    if not callable(policy):
+        raise ConfigError(f"python:{name} is a {type(policy).__name__}, no function.")
+    return policy

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, MultiBinary, MultiDiscrete
+from rans_foreign_policies.policies import OnnxPolicy
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -22,7 +23,6 @@ from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.fly.foreign_policy import OnnxPolicy
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.policy_text import is_user_policy
 from rans.evaluation.fly.user_policy import user_policy

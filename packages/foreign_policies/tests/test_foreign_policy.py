@@ -11,12 +11,12 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
+from rans_foreign_policies.policies import OnnxPolicy, policy_of
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
 
 import rans
 from rans import ConfigError, GoToPose
-from rans.evaluation.fly.foreign_policy import OnnxPolicy, policy_of
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rans_foreign_policies.policies import policy_of
 from stable_baselines3 import A2C, PPO, SAC, TD3
 from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
 from rans import ConfigError, GoToPose
-from rans.evaluation.fly.foreign_policy import policy_of
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import load_spacecraft
 

@@ -10,7 +10,7 @@ A policy is more than its network. Each of its parts is flown with it, or the po
 - numbers: observations are float32, as RANS's environments give them.
 
 Observations are (N, width) float32, actions (N, n); who adds a kind adds its refusals to
-`tests/evaluation/fly/test_foreign_policy.py`.
+`tests/test_foreign_policy.py`.
 """
 
 from __future__ import annotations
@@ -26,22 +26,26 @@ from typing import Any
 
 import numpy as np
 
+from rans import RansWarning
 from rans.effectors.commands import action_space, allowed
-from rans.errors import ConfigError, RansWarning, brief, is_installed, require
-from rans.files import first_line, read_bytes
-from rans.model.spacecraft import Spacecraft
-from rans.registry import resolve_typed
-from rans.tasks import Task, observation_width
+from rans.extend import (
+    ConfigError,
+    ForeignPolicy,
+    Spacecraft,
+    Task,
+    brief,
+    first_line,
+    is_installed,
+    observation_width,
+    read_bytes,
+    require,
+)
 
 Decision = tuple[Any, Any]
-"""Commands (N, commands), zeros and ones or numbers between, and the memory after them; None: there is none."""
-
-ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], Decision]
-"""Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
-of where an episode begins, (N,) bool. It keeps nothing itself, so that many flights may ask it by turns."""
+"""What a `ForeignPolicy` gives."""
 
 
-def policy_of(policy: Any, craft: Spacecraft, task: Task) -> ForeignPolicy:
+def policy_of(policy: Any, craft: Spacecraft, task: Task, _: bool = False) -> ForeignPolicy:
     """The policy of an object: SB3's ``predict``, a torch module's call, or a function of observations.
 
     Raises:
@@ -475,22 +479,6 @@ _LARGEST_STATE = 2**16
 """Numbers of a state; layers in control have some hundred."""
 _LARGEST_NETWORK = 2**26
 """Bytes of a network whose layers are looked through; networks in control have less than a thousandth of it."""
-
-
-def of_python(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
-    """The policy that is MODULE:FUNCTION of observations (N, width); importing it runs its code."""
-    module, colon, function = name.rpartition(":")
-    if not module or not colon or not function:
-        raise ConfigError(
-            f"python:{name} must name a module and a function, as python:my_policy:act."
-        )
-    try:
-        policy = resolve_typed(name)
-    except ConfigError as error:
-        raise ConfigError(f"python:{name} cannot be imported: {error}") from error
-    if not callable(policy):
-        raise ConfigError(f"python:{name} is a {type(policy).__name__}, no function.")
-    return policy_of(policy, craft, task)
 
 
 def _check_file(name: str) -> None:
