@@ -79,7 +79,7 @@ def test_examples_in_docstrings(example, monkeypatch):
         "validation.speed.suite.measurements",
         lambda *given: itertools.islice(measurements(*given), 4),
     )
-    said: list[str] = []
+    said = []
     outcome = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(example, out=said.append)
     assert outcome.failed == 0, "".join(said)
     assert outcome.attempted > 0

@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -27,7 +26,7 @@ PLATFORM_TEXT = spacecraft_text("floating-platform")
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _elsewhere(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("RANS_TRUST", "")  # as --trust sets it for the rest of the process
 
@@ -145,7 +144,7 @@ def test_a_lock_goes_with_its_holder_and_without_file_systems_that_have_none(tmp
     del first
     second.take("taken")
 
-    def unsupported(*_: Any) -> None:
+    def unsupported(*_):
         raise OSError(95, "Operation not supported")
 
     monkeypatch.setattr(fcntl, "flock", unsupported)

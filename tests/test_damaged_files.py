@@ -23,14 +23,14 @@ from tests.support.written_files import RESULTS, TUNED
 
 
 @pytest.fixture(scope="module")
-def export(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def export(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("export") / "mine"
     write_export(pretrained_folder("go-to-pose-2d"), folder, "onnx", episodes=8)
     return folder
 
 
 @pytest.fixture
-def mine(export: Path, tmp_path: Path) -> Path:
+def mine(export, tmp_path) -> Path:
     return Path(shutil.copytree(export, tmp_path / "mine"))
 
 
@@ -59,7 +59,7 @@ def test_tuned_settings(tmp_path):
     file = Path(shutil.copy(TUNED, tmp_path / "lqr.json"))
     setup = Setup(rans.load_spacecraft("floating-platform"), GoToPose(), rans.Timing())
 
-    def read() -> None:
+    def read():
         tuned = Tuned.read(file)
         tuned.fits("lqr", setup)
         tuned.outlasts(tuned)

@@ -104,9 +104,7 @@ def test_the_engine_and_environments_end_in_the_same_way():
                 assert named == pytest.approx(
                     {k: float(np.squeeze(v)) for k, v in one.terms.items()}, abs=1e-5
                 )
-        env: Any = gymnasium.make(
-            "rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM
-        )
+        env = gymnasium.make("rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM)
         _, info = env.reset(seed=1)
         for one, over in zip(expected, ends, strict=True):
             _, _, terminated, truncated, info = env.step(np.zeros(len(SHUT), int))
@@ -188,7 +186,7 @@ def test_a_guard_stands_between_policy_and_effectors_in_every_engine():
         Engine(PLATFORM, task, 2, timing, dtype=dtype, guard=guard)
         for dtype in (torch.float32, torch.float64)
     ]
-    env: Any = gymnasium.make(
+    env = gymnasium.make(
         "rans/GoToPose2D-v0", task=task, timing=timing, spacecraft=PLATFORM, guard=guard
     )
     env.reset(seed=0)

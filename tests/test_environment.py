@@ -23,7 +23,7 @@ QUICK = Timing(control_period=0.02, episode_steps=6)
 
 
 @pytest.fixture(autouse=True)
-def _no_browser(monkeypatch: pytest.MonkeyPatch) -> None:
+def _no_browser(monkeypatch) -> None:
     for display in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(display, raising=False)
 
@@ -44,7 +44,7 @@ def test_gymnasium_finds_nothing_wrong(name):
 
 def test_every_step_is_shown(monkeypatch):
     """Without a call of `render`, which then returns nothing."""
-    shown: list[np.ndarray] = []
+    shown = []
     monkeypatch.setattr("rans.window.Window.show", lambda window, frame: shown.append(frame))
     env = gymnasium.make(PLANE, render_mode="human", timing=QUICK)
     drawn = gymnasium.make(PLANE, render_mode="rgb_array", timing=QUICK)

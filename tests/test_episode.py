@@ -106,7 +106,7 @@ def test_what_a_reward_reads_is_found_not_promised():
     assert not watches_switching(MultiTask(), PLATFORM)
     assert watches_switching(MultiTask(go_to_pose=SwitchingGoToPose()), PLATFORM)
     engine = Engine(PLATFORM, Counting(), 2, seed=1)
-    env: Any = gymnasium.make("rans/GoToPose2D-v0", task=Counting()).unwrapped
+    env = gymnasium.make("rans/GoToPose2D-v0", task=Counting()).unwrapped
     env.reset(seed=1)
     for command in (torch.ones(2, 8), torch.zeros(2, 8)):
         assert engine.step(command).reward.tolist() == [-8.0, -8.0]
@@ -144,7 +144,7 @@ def test_an_episode_ends_before_a_state_that_no_craft_reaches(way):
     """A jump of 1e8 m, or to 1e8 m/s, within 0.2 s; the observation is of the state before."""
     place, speed = way
 
-    def move(state: Any, inputs: Any) -> Any:
+    def move(state, inputs):
         return (replace(state, p=state.p + Vec2(place, 0.0), v=state.v + Vec2(0.0, speed)),)
 
     start = PlanarState(Vec2(1.0, 2.0), Heading(0.5), Vec2(0.1, 0.2), 0.3)

@@ -66,7 +66,7 @@ def test_commands_do_what_they_can_with_an_extra_alone(alone, tmp_path):
     The other extras change none of these commands.
     """
     hidden = {module for module, extra in EXTRAS.items() if extra not in (alone, "agents")}
-    following: dict[str, None] = {}  # an ordered set
+    following = {}  # an ordered set
     for line, code, text in ran([shortened(line) for line in README], hidden, tmp_path):
         assert code == 0, f"{line}\n{text}"
         following |= dict.fromkeys(printed_next(text))
@@ -144,7 +144,7 @@ def test_commands_that_are_printed_to_run_next_run(tmp_path):
     }
     written(damping(1, [0], seed=1), tmp_path / "network.onnx")
     (tmp_path / "problem.toml").write_text(PROBLEM)
-    following: dict[str, None] = {}  # an ordered set
+    following = {}  # an ordered set
     for line, code, text in ran([shortened(line) for line in EVERY], set(), tmp_path):
         assert code == 0, f"{line}\n{text}"
         following |= dict.fromkeys(printed_next(text))

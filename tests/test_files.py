@@ -7,7 +7,6 @@ import stat
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +39,7 @@ def test_a_file_is_replaced_as_a_whole(tmp_path):
     write_text(file, "old")
     seen = []
 
-    def write(draft: Path) -> None:
+    def write(draft):
         draft.write_text("half")
         seen.append(file.read_text())
         draft.write_text("new ä")
@@ -58,11 +57,11 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, error):
     file = tmp_path / "x.txt"
     write_text(file, "old")
 
-    def write(draft: Path) -> None:
+    def write(draft):
         draft.write_text("half")
         raise error
 
-    expected: Any = KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else ConfigError
+    expected = KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else ConfigError
     with pytest.raises(expected) as caught:
         replace_file(file, write)
     if expected is ConfigError:
@@ -77,9 +76,9 @@ def test_a_failed_write_leaves_the_old_file(tmp_path, error):
 
 def test_nobody_can_foresee_a_draft(tmp_path):
     """It is a new file of its own before anything is written, with the permissions of any other file."""
-    drafts: list[Path] = []
+    drafts = []
 
-    def write(draft: Path) -> None:
+    def write(draft):
         assert stat.S_ISREG(draft.lstat().st_mode)
         assert draft.parent == tmp_path
         drafts.append(draft)
@@ -260,7 +259,7 @@ def test_the_processors_name(monkeypatch, told, name):
     """As Linux tells it of the first core."""
     read = Path.read_text
 
-    def reading(file: Path, *rest: Any, **more: Any) -> str:
+    def reading(file, *rest, **more):
         return told if file.name == "cpuinfo" else read(file, *rest, **more)
 
     monkeypatch.setattr(Path, "read_text", reading)
@@ -279,7 +278,7 @@ def test_what_the_environment_says_is_so(monkeypatch):
 def test_revision_without_git(monkeypatch):
     for failure in (FileNotFoundError("git"), subprocess.TimeoutExpired("git", 5)):
 
-        def fail(*_: Any, failure: Exception = failure, **__: Any) -> None:
+        def fail(*_, failure=failure, **__):
             raise failure
 
         monkeypatch.setattr(files.subprocess, "run", fail)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import pickle
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -77,7 +76,7 @@ def length(batch: Any) -> int:
 @pytest.mark.parametrize("mode", ["vector_entry_point", "sync"])
 @pytest.mark.parametrize(("limit", "own", "expected"), [(7, 125, 7), (50, 9, 9)])
 def test_the_shorter_of_two_limits_ends_episodes(mode, limit, own, expected):
-    made: Callable[..., Any] = gymnasium.make_vec
+    made = gymnasium.make_vec
     batch = made(
         "rans/GoToPose2D-v0",
         num_envs=2,

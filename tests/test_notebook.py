@@ -32,7 +32,7 @@ def test_the_notebook_runs_from_top_to_bottom(here, monkeypatch):
     cells = json.loads(NOTEBOOK.read_text("utf-8"))["cells"]
     codes = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
     assert sum(TRAINED in code for code in codes) == 1
-    names: dict[str, object] = {}
+    names = {}
     for code in codes:
         *body, last = code.replace(TRAINED, 'rans.load_agent("go-to-pose-2d")').split("\n")
         exec("\n".join(body).replace("episodes=256", "episodes=8"), names)

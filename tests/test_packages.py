@@ -104,7 +104,7 @@ def test_what_packages_build_on_is_named_in_one_module():
     """`rans.extend` has no name without a user or a docstring, and nobody goes round it."""
     homes = extend.homes(extend.__file__)
     assert len(homes) <= 228
-    used: Counter[str] = Counter()
+    used = Counter()
     for folder in USERS:
         names = imported_from_the_core(folder)
         used.update(name for module, name in names if module == "rans.extend")

@@ -16,7 +16,7 @@ FLIER = "steer:keep-distance-2d@puck"
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def place(tmp_path_factory) -> Path:
     """A folder with the package installed below site/, without a network."""
     folder = tmp_path_factory.mktemp("user")
     source = shutil.copytree(

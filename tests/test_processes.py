@@ -13,7 +13,6 @@ import time
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -110,7 +109,7 @@ def test_an_interrupt_while_a_process_starts_is_heard_when_it_has(other_thread, 
     teller.start()  # before the signal is blocked, which threads inherit
     started = []
 
-    def start(pool: ProcessPoolExecutor, *job: Any) -> None:
+    def start(pool, *job):
         now.set() if other_thread else signal.raise_signal(signal.SIGINT)
         teller.join() if other_thread else None
         started.append(job)
@@ -145,7 +144,7 @@ def test_a_worker_in_its_job_ends_with_a_parent_that_is_killed(tmp_path):
         wait_until((tmp_path / "beat").exists)
         parent.kill()
 
-    def is_still() -> bool:
+    def is_still():
         before = (tmp_path / "beat").stat().st_mtime_ns  # it may end in the middle of a beat
         time.sleep(0.3)  # thirty beats
         return (tmp_path / "beat").stat().st_mtime_ns == before

@@ -75,7 +75,7 @@ def rows(page: Path, heading: str, place: int = 0) -> list[list[str]]:
 
 
 def test_examples_of_the_python_page_run():
-    names: dict[str, Any] = {}
+    names = {}
     for example in blocks(ROOT / "docs" / "python.md", "python"):
         exec(example, names)
     assert names["engine"].num_envs == 64
@@ -152,7 +152,7 @@ def test_the_python_page_has_every_function():
 def test_examples_of_the_environments_page_run():
     examples = blocks(ROOT / "docs" / "environments.md", "python")
     assert len(examples) == 4
-    names: dict[str, Any] = {}
+    names = {}
     for example in examples:
         exec(example, names)
         if "env" not in names:
@@ -165,7 +165,7 @@ def test_examples_of_the_environments_page_run():
 
 def test_the_example_of_the_readme_says_what_it_prints(capsys):
     (example,) = blocks(ROOT / "README.md", "python")
-    names: dict[str, Any] = {}
+    names = {}
     exec(example, names)
     assert names["observation"].shape == (4096, 10)
     printed = capsys.readouterr().out
@@ -316,7 +316,7 @@ def described(given: Any, place: str = "") -> Iterator[tuple[str, tuple[Any, str
 
 
 def test_the_pages_of_training_have_the_settings_with_their_defaults():
-    of: dict[str, Any] = {
+    of = {
         "": training("go-to-pose", device="cpu"),
         "ppo": PPOSettings(),
         "ppo.memory": MemorySettings(),

@@ -23,7 +23,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:.* spins .* accurate up to:UserW
 
 
 @pytest.fixture(scope="module", params=shipped_agents("any-craft-2d", "any-craft-3d"))
-def shipped(request: pytest.FixtureRequest) -> tuple[str, Flight]:
+def shipped(request) -> tuple[str, Flight]:
     return request.param, flown(request.param)
 
 

@@ -37,7 +37,7 @@ def test_hash_is_the_published_one(a, b, c, d):
     """PCG4D in unsigned arithmetic of any size, cut to 32 bits: the listing of the JCGT paper."""
     v = [(x * 1664525 + 1013904223) % 2**32 for x in (a, b, c, d)]
 
-    def stir() -> None:
+    def stir():
         for i, j, k in ((0, 1, 3), (1, 2, 0), (2, 0, 1), (3, 1, 2)):
             v[i] = (v[i] + v[j] * v[k]) % 2**32
 

@@ -116,10 +116,10 @@ def test_random_numbers_of_a_user_go_on(monkeypatch):
 
 
 def test_calls_of_several_threads_restore_a_users_type():
-    seen: set[torch.dtype] = set()
+    seen = set()
 
     @settled
-    def ask(deep: int) -> None:
+    def ask(deep):
         seen.add(torch.zeros(1).dtype)
         if deep:
             ask(deep - 1)

@@ -62,7 +62,7 @@ class Still:
 
 
 @pytest.fixture
-def installed(monkeypatch: pytest.MonkeyPatch) -> None:
+def installed(monkeypatch) -> None:
     """The stranger's kind of effector and controller have names."""
     added: list[Any] = [(EFFECTORS, "fan", Fan), (CONTROLLERS, "still", Still)]
     for registry, name, value in added:

@@ -19,7 +19,7 @@ raise ImportError("a stranger's module was imported")
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     """It holds a module of the name of every one of Python's library, and of packages that RANS imports."""
     made = tmp_path / "strangers"
     made.mkdir()

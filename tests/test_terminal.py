@@ -136,7 +136,7 @@ class Timer:
 
 
 @pytest.fixture
-def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+def clock(monkeypatch) -> Clock:
     made = Clock()
     monkeypatch.setattr("rans.terminal.time", SimpleNamespace(monotonic=lambda: made.now))
     timer = SimpleNamespace(Timer=lambda *given: Timer(made, *given))

@@ -32,7 +32,7 @@ craft = load_spacecraft("floating-platform")
 
 
 @pytest.fixture
-def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+def run(trained, tmp_path, monkeypatch) -> Iterator[Path]:
     """A run folder and a config of a stranger, whose module lies beside them."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

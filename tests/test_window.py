@@ -20,7 +20,7 @@ from tests.support.processes import PATIENCE
 
 
 @pytest.fixture
-def window(monkeypatch: pytest.MonkeyPatch) -> Iterator[Window]:
+def window(monkeypatch) -> Iterator[Window]:
     """One that opens no browser."""
     for display in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(display, raising=False)
@@ -56,7 +56,7 @@ def test_frames_are_a_period_apart(window, monkeypatch):
     """Each is a twentieth of a second after the one before; after a late one nobody hurries."""
     now = 100.0
 
-    def sleep(seconds: float) -> None:
+    def sleep(seconds):
         nonlocal now
         now += seconds
 

@@ -1,8 +1,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
-from typing import Any
 
 import pytest
 
@@ -14,13 +12,13 @@ from validation.speed.measurement import Measurement
 
 
 @pytest.fixture(autouse=True)
-def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
+def _wide(monkeypatch) -> None:
     """Tables are as wide as they need to be."""
     monkeypatch.setenv("COLUMNS", "240")
 
 
 @pytest.fixture(autouse=True)
-def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+def _small(monkeypatch) -> None:
     """One batch of 64 on the CPU, also where there is a GPU."""
     monkeypatch.setattr("torch.cuda.is_available", lambda: False)
     monkeypatch.setattr("validation.speed.measured._QUICK_SIZES", {"cpu": (64,)})
@@ -66,7 +64,7 @@ def test_figures(capsys, tmp_path, monkeypatch):
 def test_interrupted_it_shows_and_writes_what_was_measured(capsys, tmp_path, monkeypatch):
     """Ctrl-C comes while the first agent is timed."""
 
-    def measured(*_: object) -> Iterator[Measurement]:
+    def measured(*_):
         yield Measurement("memory", "memory copy", 12.5, "GB/s")
         yield Measurement(
             "engine",
@@ -110,7 +108,7 @@ def test_without_a_compiler(refused, monkeypatch):
 )
 def test_sizes(device, quick, expected, monkeypatch):
     """What was asked for, or what its help promises."""
-    asked: list[tuple[Any, ...]] = []
+    asked = []
     monkeypatch.setattr(
         "validation.speed.suite.measurements", lambda *given: asked.append(given) or ()
     )

@@ -5,10 +5,8 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,13 +15,10 @@ from rans.cli import _parse, main, next_of
 from rans.cli.compare import Compare, without_training
 from rans.cli.evaluate import Evaluate
 from rans.evaluation.compare.bounds import Bound
-from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import at_values, contest_of, enlisted
 from rans.evaluation.compare.relaxed import Relaxed
-from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.optimal.trajectory.objectives import Objective
 
 IDLE = "python:tests.support.policies:idle"
 
@@ -50,10 +45,10 @@ def test_writes_page_and_numbers(tmp_path, capsys, monkeypatch):
 
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, monkeypatch, capsys):
-    def solve(contest: Contest, objective: Objective, *_: object) -> list[Relaxed]:
+    def solve(contest, objective, *_):
         return [Relaxed(objective, 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
 
-    def one_bound(*_: object) -> Iterator[Bound]:
+    def one_bound(*_):
         yield Bound(0, None, 2.75)
         raise KeyboardInterrupt
 
@@ -73,7 +68,7 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, mon
 def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
     tmp_path, monkeypatch, capsys
 ):
-    def interrupted(*_: object, **__: object) -> None:
+    def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     for name in ("compare.html", "compare.json"):
@@ -86,14 +81,14 @@ def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
 
 
 def test_every_option_reaches_the_comparison(tmp_path, monkeypatch):
-    def fill(comparison: Comparison, flying: Any, names: Any, **given: Any) -> None:
+    def fill(comparison, flying, names, **given):
         contest = comparison.contest
         facts = contest.episodes, contest.seed, contest.engine
         told.append((facts, tuple(flying), names, given["certified"], given["cache"]))
         asked.append((given["returns"], len(comparison.multiples)))
 
-    told: list[Any] = []
-    asked: list[tuple[bool, int]] = []
+    told = []
+    asked = []
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", fill)
     options = "--with mpc optimal --episodes 5 --seed 11 --engine drake --certified 2"
     command = f"compare lqr:go-to-pose-2d {IDLE} {options} --output {tmp_path}"
@@ -120,7 +115,7 @@ def test_every_option_reaches_the_comparison(tmp_path, monkeypatch):
 def test_an_interrupt_of_the_page_leaves_the_data(monkeypatch, tmp_path, capsys):
     """The page is drawn last: scores are printed and written before."""
 
-    def interrupted(*_: object) -> None:
+    def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans.show.pages.comparison_page.page", interrupted)
@@ -148,7 +143,7 @@ def test_a_comparison_is_small_unless_it_is_asked_to_be_full(options, starts):
 
 
 def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path):
-    def line(*contestants: str) -> str:
+    def line(*contestants):
         names = [*map(ContestantName.parse, contestants)]
         return without_training(names, contest_of(names[0], 1))
 
@@ -186,7 +181,7 @@ def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_fruga
 
 def test_next_commands_have_the_options_of_the_comparison():
     """As far as they have them: a page has no bounds, and a stress test no seed."""
-    options: dict[str, Any] = {"seed": 3, "engine": "drake", "episodes": 7, "certified": 0}
+    options = {"seed": 3, "engine": "drake", "episodes": 7, "certified": 0}
     command = Compare(("runs/a", "lqr"), beside=("mpc",), output=Path("o"), **options)
     assert [*command.following()] == [
         "rans compare runs/a lqr --with mpc --episodes 7 --certified 0 --seed 3 --engine drake --output o --full",

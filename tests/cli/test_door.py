@@ -67,7 +67,7 @@ def test_an_argument_has_one_default_and_one_text(name):
 
 def test_annotations_may_be_types_or_texts():
     """As a module without `from __future__ import annotations` has them."""
-    names: dict[str, Any] = {}
+    names = {}
     source = 'def double(length: int = 3) -> int:\n    """Double.\n\n    Args:\n        length: of it.\n    """'
     exec(compile(source, "own", "exec", dont_inherit=True), names)
 
@@ -88,7 +88,7 @@ def test_what_python_declares_cannot_be_declared_again():
 
 
 def test_an_argument_without_a_text_is_refused():
-    def silent(length: int = 1) -> int:
+    def silent(length=1):
         """Args:
         width: of another argument.
         """

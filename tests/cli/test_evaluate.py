@@ -18,7 +18,7 @@ from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture
-def run_folder(trained: Path, tmp_path: Path) -> Path:
+def run_folder(trained, tmp_path) -> Path:
     """A copy that a test may change."""
     return Path(shutil.copytree(trained, tmp_path / "run"))
 

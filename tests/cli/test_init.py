@@ -17,9 +17,7 @@ from tests.support.processes import wait_until
 
 
 @pytest.fixture(autouse=True)
-def _here(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, undrawn: None, request: pytest.FixtureRequest
-) -> None:
+def _here(tmp_path, monkeypatch, undrawn, request) -> None:
     """A folder of its own. Flights take seconds, and one test has them, another has their beginning."""
     monkeypatch.chdir(tmp_path)
     if request.function.__name__ not in (
@@ -37,13 +35,13 @@ def batch(*words: str) -> int:
 @pytest.mark.filterwarnings("always::UserWarning", "ignore:of floating-platform")
 def test_a_long_flight_is_announced(monkeypatch, capsys):
     """A craft that hardly moves, whose flights last for minutes, and whose mass is doubted before them."""
-    said: list[str] = []
+    said = []
 
-    def is_announced() -> bool:
+    def is_announced():
         said.extend(capsys.readouterr().err.split())
         return "by any-craft-2d" in " ".join(said)
 
-    def flown(*_: object, **__: object) -> None:
+    def flown(*_, **__):
         wait_until(is_announced)
         raise KeyboardInterrupt
 

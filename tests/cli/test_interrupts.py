@@ -10,7 +10,6 @@ import threading
 import time
 import weakref
 from collections.abc import Callable
-from types import FrameType
 
 import pytest
 
@@ -78,7 +77,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, busy):
     """
     drop = rans_command._again
 
-    def _again(lost: sys.UnraisableHookArgs) -> None:
+    def _again(lost):
         drop(lost)
         end = time.perf_counter() + 3e-3  # thirty moments
         while time.perf_counter() < end:
@@ -91,7 +90,7 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, busy):
     class Held:
         pass
 
-    def runs() -> int:
+    def runs():
         held = Held()
         kept = weakref.ref(held, lambda _: os.kill(os.getpid(), signal.SIGINT))
         del held
@@ -104,11 +103,11 @@ def test_an_interrupt_in_a_callback_is_not_lost(monkeypatch, busy):
 def test_a_second_interrupt_leaves_locks_as_they_are(monkeypatch):
     """Python takes a condition's lock back on its way out of a wait, and fails if that is interrupted."""
 
-    def strike(frame: FrameType, *_: object) -> None:
+    def strike(frame, *_):
         if frame.f_code.co_name == "_acquire_restore":
             os.kill(os.getpid(), signal.SIGINT)
 
-    def runs() -> int:
+    def runs():
         ready = threading.Condition(threading.Lock())
         with ready:
             sys.settrace(strike)
@@ -143,7 +142,7 @@ def _interrupted(runs: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> No
 def test_an_interrupted_reproduction_says_which_rows_are_kept(tmp_path, monkeypatch, capsys):
     page = tmp_path / "differences.md"
 
-    def interrupted(*_: object, **__: object) -> None:
+    def interrupted(*_, **__):
         if page.exists():
             # A row is complete: the page is newer than the command.
             os.utime(page, (2**31, 2**31))

@@ -14,7 +14,7 @@ FLOWN = "--episodes", "2", "--seed", "1"
 
 
 @pytest.fixture
-def run(trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def run(trained, tmp_path, monkeypatch) -> Path:
     """A copy in the current folder."""
     monkeypatch.chdir(tmp_path)
     return Path(shutil.copytree(trained, "run"))

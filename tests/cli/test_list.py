@@ -13,13 +13,13 @@ from rans.tasks import TASKS, GoToPose, gymnasium_ids
 
 
 @pytest.fixture(autouse=True)
-def _wide(monkeypatch: pytest.MonkeyPatch) -> None:
+def _wide(monkeypatch) -> None:
     """Tables are as wide as they need to be."""
     monkeypatch.setenv("COLUMNS", "160")
 
 
 @pytest.fixture
-def listed(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+def listed(capsys) -> Callable[..., str]:
     """What the command prints with these arguments."""
 
     def run(*arguments: str) -> str:

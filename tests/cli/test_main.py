@@ -13,7 +13,6 @@ from collections import deque
 from contextlib import redirect_stdout
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -248,7 +247,7 @@ def test_a_mistake_of_ours_is_not_hidden(monkeypatch):
     ):
         # Its code is in a file of the package: that of a test is a user's, whose mistakes end in a sentence.
         code = compile("def run(self): raise self.error", cli.__file__, "exec")
-        known: dict[str, Any] = {}
+        known = {}
         exec(code, known)
         ours = type("Ours", (), {"run": known["run"], "error": error})
         monkeypatch.setattr(cli, "_parse", lambda _, made=ours: made())

@@ -116,7 +116,7 @@ def test_a_training_is_refused_before_anything_is_prepared(typed, sentence, here
     (here / "empty").mkdir()
     (here / "mine.toml").write_text("")
 
-    def prepared(*_: object) -> None:
+    def prepared(*_):
         pytest.fail("it is prepared before it is refused")
 
     monkeypatch.setattr("rans.cli.train.compile_in_this_process", prepared)

@@ -2,8 +2,6 @@ from __future__ import annotations
 
 import csv
 import json
-from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,13 +18,13 @@ def run(typed: str) -> int:
 
 
 @pytest.fixture(autouse=True)
-def _one_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def _one_process(monkeypatch) -> None:
     """Others would take seconds to start."""
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
 
 
 @pytest.fixture
-def long_periods(monkeypatch: pytest.MonkeyPatch) -> None:
+def long_periods(monkeypatch) -> None:
     """Commands are held for 0.5 s, so that a trajectory has fewer of them."""
     monkeypatch.setattr("rans.cli.optimal._CONTROL_PERIOD", 0.5)
 
@@ -85,7 +83,7 @@ def test_certify_bounds_craft_with_wheels_without_a_trajectory(capsys, tmp_path)
 @pytest.mark.usefixtures("long_periods")
 def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(tmp_path, monkeypatch):
     """Each answer counts its guesses; the questions are looked at, not answered."""
-    asked: list[Any] = []
+    asked = []
     monkeypatch.setattr(
         "rans_bounds.transfers.bounds_in_parallel",
         lambda *given, **_: asked.append(given) or (),
@@ -105,7 +103,7 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(tmp_path
 def test_an_interrupt_keeps_the_bounds_that_are_finished(tmp_path, monkeypatch, capsys):
     """Ctrl-C after the first of two bounds."""
 
-    def first_alone(*_: Any, **__: Any) -> Iterator[tuple[int, Bound]]:
+    def first_alone(*_, **__):
         yield 0, Bound(0, 6.0, 1.5)
         raise KeyboardInterrupt
 

@@ -82,7 +82,7 @@ def test_engines_that_disagree_end_with_code_1(monkeypatch):
 def test_notes_of_a_comparison_are_printed(tmp_path, capsys, monkeypatch):
     """Also beside names that are no mark-up, and all files are written before."""
 
-    def fill(comparison: Any, *_: object, **__: object) -> None:
+    def fill(comparison, *_, **__):
         comparison.notes.append("No certificate [/red].")
         comparison.failures.append("LQR [bold]failed.")
 

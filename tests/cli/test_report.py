@@ -15,7 +15,7 @@ from validation.study.checks import Check, Study
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path) -> Path:
     """A run folder in which only checks were written."""
     checks = (
         Check("force", 1e-16, 1e-12, "N", "Rounding."),

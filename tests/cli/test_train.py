@@ -7,7 +7,6 @@ import shlex
 import signal
 import time
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -25,7 +24,7 @@ from tests.support.training import as_sb3, weights
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _elsewhere(tmp_path, monkeypatch) -> None:
     """Runs go to a folder of the test's own, and what the command sets ends with it."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "1")
@@ -196,10 +195,10 @@ def test_a_signal_stops_it_gently():
 @pytest.mark.slow
 def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch, capsys):
     """It ends in the middle of a round, and the command that it prints begins anew."""
-    rounds: list[int] = []
+    rounds = []
     learn = any_craft._Lessons.learn
 
-    def interrupted(lessons: Any, generator: torch.Generator) -> None:
+    def interrupted(lessons, generator):
         rounds.append(lessons.rounds)
         if len(rounds) == 3:
             signal.raise_signal(signal.SIGINT)
@@ -207,7 +206,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch
 
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
     monkeypatch.setattr(any_craft._Lessons, "learn", interrupted)
-    command: list[str] = [*tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)]
+    command = [*tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)]
     assert main([*command, "--output", "run"]) == 130
     assert rounds == [1, 1, 1]
     assert not {"checkpoint.safetensors", "agent.safetensors"} & {
@@ -278,7 +277,7 @@ def test_whatever_is_set_is_learnt_from_nothing():
     assert Train("go-to-pose").begun().begin_from == "pretrained:any-craft-2d#0.4"
     assert Train("go-to-pose", seed=3, quality="quick").begun().begin_from is not None
     assert Train("go-to-pose", rl=True).begun().begin_from is None
-    changes: tuple[dict[str, Any], ...] = (
+    changes = (
         {"set": ("thrust_weight=0.1",)},
         {"total_timesteps": 1000},
         {"conditions": "lab"},
@@ -286,7 +285,7 @@ def test_whatever_is_set_is_learnt_from_nothing():
         {"task": "go-to-position"},
     )
     for changed in changes:
-        options: dict[str, Any] = {"task": "go-to-pose"} | changed
+        options = {"task": "go-to-pose"} | changed
         assert Train(**options).begun().begin_from is None, changed
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import pytest
 
 from rans import TASKS, Timing
@@ -15,7 +13,7 @@ from rans.model.spacecraft_file import load_spacecraft
 
 
 @pytest.fixture(autouse=True)
-def _few(monkeypatch: pytest.MonkeyPatch, here: Path) -> None:
+def _few(monkeypatch, here) -> None:
     """A search of seconds, in an empty folder."""
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 1)
     monkeypatch.setattr("rans.cli.tune._STARTS", 2)

@@ -7,7 +7,6 @@ import signal
 import urllib.request
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,7 +19,7 @@ from tests.support.processes import PATIENCE, command
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _elsewhere(tmp_path, monkeypatch) -> None:
     """Files go to a folder of the test's own, and no browser opens."""
     monkeypatch.chdir(tmp_path)
     for display in ("DISPLAY", "WAYLAND_DISPLAY"):
@@ -82,12 +81,10 @@ def test_every_option_reaches_the_flights(monkeypatch, capsys):
     asked = []
     framed = []
 
-    def flown(
-        controller: Any, setup: Any, *given: Any, first: int, endpoints: Any, **others: Any
-    ) -> Any:
+    def flown(controller, setup, *given, first, endpoints, **others):
         starts = endpoints.applied(scenarios(setup.task, setup.craft, 8, 1))
         asked.append((controller.name, *given, first, float(starts.goal.p.x[0])))
-        flight: Any = SimpleNamespace(
+        flight = SimpleNamespace(
             controller=controller.name,
             stopped=0,
             task=GoToPose(),

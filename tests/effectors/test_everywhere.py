@@ -86,7 +86,7 @@ def test_drake_flies_an_episode_alike(craft):
 
 
 @pytest.fixture(scope="module", params=[0, 1, 4], ids=["cubesat", "lander", "both"])
-def untrained(request: Any) -> tuple[Spacecraft, Network]:
+def untrained(request) -> tuple[Spacecraft, Network]:
     """A craft and a policy for it."""
     craft = ALL[request.param]
     return craft, untrained_policy(craft)

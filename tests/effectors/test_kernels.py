@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
@@ -12,7 +10,6 @@ from rans import Engine, Timing
 from rans.fast.flights import Flights
 from rans.flight import Setup
 from rans.model.accuracy import chosen
-from rans.policy.network import Network
 from rans.tasks import load_task
 from tests.support.effector_crafts import CUBESAT, LANDER, commands
 from tests.support.effector_flights import BOTH, task_of, untrained_policy
@@ -31,14 +28,14 @@ every_craft = pytest.mark.parametrize(
 
 @every_craft
 def test_a_kernel_steps_as_numpy(craft, on_host):
-    made: Any = (craft, task_of(craft), 16, Timing(episode_steps=5))
-    how: Any = {"seed": 3, "dtype": torch.float64}
+    made = (craft, task_of(craft), 16, Timing(episode_steps=5))
+    how = {"seed": 3, "dtype": torch.float64}
     given = torch.from_numpy(np.stack([commands(craft, 16, seed=k) for k in range(7)]))
     assert compare(Engine(*made, **how), on_host(*made, **how), form=torch.float64, given=given) > 8
 
 
 def test_a_kernel_flies_as_stepping_does(tmp_path):
-    network: Network = untrained_policy(BOTH)
+    network = untrained_policy(BOTH)
     task = load_task(task_of(BOTH)).for_evaluation()
     given = Setup(BOTH, task, chosen(BOTH, Timing(episode_steps=10)))
     stepped = Flights(network, given, generated=False)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from typing import Literal
 
 import pytest
 
@@ -149,7 +148,7 @@ def test_halving_its_step_shows_the_error_of_drake_where_a_tank_empties():
 @pytest.mark.parametrize("number", range(len(GROUPS)), ids=lambda k: "-".join(GROUPS[k]))
 def test_every_pair_of_effects_agrees_with_drake(number):
     """Drake has its own masses, nozzles and joints."""
-    dimension: Literal[2, 3] = 2 if number % 2 and GRADIENT not in GROUPS[number] else 3
+    dimension = 2 if number % 2 and GRADIENT not in GROUPS[number] else 3
     period = (0.2, 0.5)[number // 2 % 2]
     seconds = duration(number)
     within(compare_with_drake(GROUPS[number], dimension, period, seed=2, seconds=seconds))

@@ -10,7 +10,7 @@ from tests.support.engines import torch_engine
 
 
 @pytest.fixture(params=["numpy", "torch"])
-def backend(request: pytest.FixtureRequest) -> Iterator[Callable[..., Engine]]:
+def backend(request) -> Iterator[Callable[..., Engine]]:
     """Makes engines that step on NumPy, or on torch as on a GPU but without compiling."""
     if request.param == "numpy":
         yield Engine

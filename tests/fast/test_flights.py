@@ -135,7 +135,7 @@ def test_parts_add_up_to_the_whole(monkeypatch):
     given = setup(PLATFORM)
     whole = Flights(network, given).fly(0, COUNT, 1)
     monkeypatch.setitem(module.BATCH, "cpu", 64)
-    told: list[int] = []
+    told = []
     flights = Flights(network, given)
     parts = flights.fly(0, COUNT, 1, told.append)
     assert sum(told) == COUNT
@@ -152,7 +152,7 @@ def test_many_are_divided_among_processes(monkeypatch):
     monkeypatch.setattr(module, "_processors", lambda: 2)
     monkeypatch.setattr(module, "_MANY", 200)
     monkeypatch.setattr(module, "_SHARE", 128)
-    told: list[int] = []
+    told = []
     with ThreadPoolExecutor(1) as pool, run_on(pool):
         alike(Flights(network, given).fly(5, COUNT, 1, told.append), whole)
     assert sorted(told) == [44, 128, 128]

@@ -105,7 +105,7 @@ def test_a_command_below_half_the_least_level_shuts_an_engine(least):
 
 
 def test_files_say_which():
-    def read(text: str) -> Any:
+    def read(text):
         with pytest.warns(UserWarning, match="cannot push"):
             return parse_spacecraft(FILE.format(text), "probe").actuators
 

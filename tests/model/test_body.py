@@ -31,7 +31,7 @@ def flown(engine: Engine, steps: int = 25) -> torch.Tensor:
 
 @both_crafts
 def test_each_flies_as_in_an_engine_of_its_like(craft):
-    how: Any = {"dtype": torch.float64}
+    how = {"dtype": torch.float64}
     short = replace(
         SHORT, substeps=1
     )  # as many alone as together, where the liveliest decides for all
@@ -48,7 +48,7 @@ def test_each_flies_as_in_an_engine_of_its_like(craft):
 def test_the_same_under_conditions():
     """What an episode draws is of the spacecraft's own mass, not of the design's."""
     craft = PLATFORM
-    lab: Any = {"dtype": torch.float64, "conditions": "lab"}
+    lab = {"dtype": torch.float64, "conditions": "lab"}
     together = flown(Engine(craft, NEAR, 4, SHORT, body=scaled(craft, SCALES), **lab))
     for i, scale in enumerate(SCALES.tolist()):
         alone = flown(Engine(craft, NEAR, 4, SHORT, body=scaled(craft, scale), **lab))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,10 +19,10 @@ LOW_ORBIT = 0.00113
 
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_goals_drift_and_spin(dimension):
-    goal: Any = random_states(dimension, 1, 5)
+    goal = random_states(dimension, 1, 5)
     drift = ClohessyWiltshire(0.2)
     later = step_goal(goal, drift, 3.0)
-    many: Any = goal
+    many = goal
     for _ in range(10):
         many = step_goal(many, drift, 0.3)
     np.testing.assert_allclose(leaves(many), leaves(later), rtol=0, atol=1e-13)
@@ -54,7 +53,7 @@ def test_torch_compiles_a_coast_without_a_warning():
     """Warnings are errors here, and torch has one for functions that remember results."""
     drift = ClohessyWiltshire(LOW_ORBIT)
 
-    def coast(x: Any) -> Any:
+    def coast(x):
         p, v = drift.carry(Vec3(x, x, x), Vec3(x, x, x), 5.0)
         q, _ = drift.kicked(v, 2.5)
         return p.x + q.y

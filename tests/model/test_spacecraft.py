@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import warnings
-from typing import Any
 
 import pytest
 
@@ -47,7 +46,7 @@ def test_the_shared_platform_has_one_thrusters_worth():
     assert dataclasses.replace(shared, name=platform.name, thrust_sharing="none") == platform
     cases = (((0, 5), 1.0, 0.0), ((0, 2, 5, 7), DIAGONAL, 0.0), ((1, 3, 5, 7), 0.0, 0.31))
     for opened, push, torque in cases:
-        total: Any = wrench(shared, [float(k in opened) for k in range(8)])
+        total = wrench(shared, [float(k in opened) for k in range(8)])
         assert (total.force.norm(), total.torque) == pytest.approx((push, torque), abs=1e-15)
 
 

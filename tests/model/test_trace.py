@@ -82,7 +82,7 @@ def test_random_words_of_constants_wrap_around_as_numpys():
 
 def test_operands_come_before_operations():
     roots = [cos(x * y) + x, x * y]
-    seen: set[Symbol] = set()
+    seen = set()
     for symbol in ordered(roots):
         assert symbol not in seen
         assert seen.issuperset(symbol.args)

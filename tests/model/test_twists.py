@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -44,11 +43,11 @@ def test_balanced_authority_is_that_of_linear_programs(name):
 def test_pushes_are_those_of_linear_programs(shared):
     """Ways 3 degrees apart miss the least one of a cone by 1.5 at most, and its reach by less than 2 percent."""
     columns = sample_layout(5)
-    parts: dict[str, Any] = {"bounds": (0.0, 1.0)}
+    parts = {"bounds": (0.0, 1.0)}
     if shared:
         parts = {"A_ub": np.ones((1, len(columns))), "b_ub": [1.0]}
 
-    def reach(angle: float) -> float:
+    def reach(angle):
         ahead = np.array([math.cos(angle), math.sin(angle), 0.0])
         aside = np.array([-math.sin(angle), math.cos(angle), 0.0])
         balance = columns @ np.array([aside, [0.0, 0.0, 1.0]]).T

@@ -39,7 +39,7 @@ def test_the_chosen_subset_is_the_best_of_all(seed, shared):
     demands = np.random.default_rng(100 + (seed or 0)).normal(size=(60, 3)) * 1.5
     found = chosen.opened[np.argmax(demands @ chosen.slope.T + chosen.offset, axis=1)]
 
-    def cost(opened: np.ndarray, demand: np.ndarray) -> float:
+    def cost(opened, demand):
         share = opened / max(opened.sum(), 1.0) if shared else opened
         error = share @ columns - demand
         return float(error @ error + PRICE * (share @ np.hypot(columns[:, 0], columns[:, 1])))
@@ -84,7 +84,7 @@ def test_limits_and_charges_are_those_of_the_quadratic_program(seed):
     prices = PRICE * np.hypot(columns[:, 0], columns[:, 1]) + charges
     for demand in random.normal(size=(6, 3)):
 
-        def cost(u: np.ndarray, demand: np.ndarray = demand) -> float:
+        def cost(u, demand=demand):
             error = columns.T @ u - demand
             return float(error @ error + prices @ u)
 

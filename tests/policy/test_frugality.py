@@ -50,7 +50,7 @@ def test_the_ways_are_those_of_the_craft_that_flies():
 def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0():
     agent = contestant("pretrained:any-craft-3d").network
 
-    def acceleration(name: str) -> float:
+    def acceleration(name):
         own = for_craft(agent, load_spacecraft(name), 0.2)
         return at_value(own, 0.0, 3.5).architecture.frugality.acceleration
 
@@ -145,7 +145,7 @@ def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm():
     assert torch.equal(away > 0.0, distance > 0.15)
     assert 0.1 < away.mean() < 0.9
 
-    def commands(price: float) -> np.ndarray:
+    def commands(price):
         flat = numbers._replace(price=price, away=1.0)
         one = Network(replace(own.architecture, frugal=tuple(flat)), own.tensors)
         return predict(one, seen.numpy())[0]

@@ -81,7 +81,7 @@ def test_a_missed_reading_is_what_motion_brings(what, craft):
     where = slice(None) if what == "all" else columns_of(craft, AngularVelocity)
     held = dict[int, np.ndarray]()
 
-    def read() -> Iterator[tuple[np.ndarray, Any]]:
+    def read():
         last = np.zeros(0)
         for k, (now, command) in enumerate(flown(craft, 40, often=0.2)):
             now = now.copy()
@@ -110,7 +110,7 @@ def test_a_missed_reading_is_what_motion_brings(what, craft):
 def test_a_wild_reading_is_not_believed_and_one_that_stays_is(craft):
     spin = columns_of(craft, AngularVelocity)
 
-    def read(wild: Sequence[int]) -> Iterator[tuple[np.ndarray, Any]]:
+    def read(wild):
         for k, (now, command) in enumerate(flown(craft, 40)):
             now = now.copy()
             now[spin] += (1000.0 + 1e-3 * k) * (k in wild)

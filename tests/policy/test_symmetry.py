@@ -9,7 +9,6 @@ import torch
 from rans_missions.tasks import Avoid, DockPort
 from rans_missions.tasks.avoid import Zones
 from scipy.spatial.transform import Rotation
-from torch import Tensor
 
 from rans import Spacecraft
 from rans.fast.learn.config import FilterSettings, MemorySettings
@@ -89,7 +88,7 @@ def test_policies_fly_every_equivalent_view_alike(craft, task):
         for one in (random_states(craft.dimension, 50, k) for k in (7, 8, 9))
     )
 
-    def logit(state: Any, goal: Any, zones: Any = zones) -> Tensor:
+    def logit(state, goal, zones=zones):
         notes = Zones(zones) if isinstance(task, Avoid) else trade_off
         seen = observation(task, state, replace(goal, notes=notes))
         return network.evaluate(torch.from_numpy(np.stack(seen, axis=1))).policy[0]
@@ -115,7 +114,7 @@ def test_what_is_remembered_is_seen_from_the_same_side(craft, drift):
     )
     goal, *states = (random_states(craft.dimension, 50, seed) for seed in range(4))
 
-    def flown(view: np.ndarray, place: np.ndarray) -> Tensor:
+    def flown(view, place):
         kept = network.initial_state(50)
         said = torch.empty(0)
         for step, state in enumerate(states):

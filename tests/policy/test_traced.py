@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from typing import Any
@@ -16,7 +15,6 @@ from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import effects
 from rans.policy.network import Network
-from rans.policy.program import Step
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program
 from tests.support.engines import FLYER, PLATFORM
@@ -100,7 +98,7 @@ def test_the_traced_program_on_fields(kind):
     program = policy_program(given)
     tables = parameters(network)
 
-    def dense(step: Step, row: Sequence[Any]) -> Sequence[Any]:
+    def dense(step, row):
         weight, bias = (tables[name] for name in step.inputs[1:])
         found = torch.from_numpy(weight @ np.stack(row) + bias[:, None])
         name = step.attributes["activation"]

@@ -41,7 +41,7 @@ def test_the_others_can_stay_as_far_from_shut_and_open_as_the_margin_says_and_no
     sound = np.delete(wrenches, lost, axis=0)
     stuck = leak * wrenches[list(lost)].sum(axis=0)
 
-    def stays(far: float) -> bool:
+    def stays(far):
         return linprog(
             np.zeros(len(sound)), A_eq=sound.T, b_eq=-stuck, bounds=(far, 1.0 - far)
         ).success

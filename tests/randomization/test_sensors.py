@@ -66,7 +66,7 @@ def test_noise_is_normal_and_new_in_every_component_and_period(dimension):
 def test_attitudes_err_about_the_axes_of_the_body():
     """R_told = R_true exp(error): a bias as it was drawn, and noise as that of a craft that is upright."""
 
-    def rotations(attitude: Any) -> Rotation:
+    def rotations(attitude):
         parts = np.broadcast_arrays(attitude.x, attitude.y, attitude.z, attitude.w)
         return Rotation.from_quat(np.stack(parts, axis=1))
 
@@ -77,7 +77,7 @@ def test_attitudes_err_about_the_axes_of_the_body():
         level = replace(now, state=replace(now.state, attitude=upright))
         error = rotations(world.sensed(level, own).attitude)
         if what == "bias":
-            drawn: Any = now.parameters.sensors.bias[1]  # type: ignore[index, union-attr]
+            drawn = now.parameters.sensors.bias[1]  # type: ignore[index, union-attr]
             expected = np.stack(drawn.columns(), axis=1)
             np.testing.assert_allclose(error.as_rotvec(), expected, rtol=0, atol=1e-12)
         told = rotations(world.sensed(now, own).attitude)

@@ -145,7 +145,7 @@ def test_a_scenario_is_the_same_wherever_it_flies(dimension, name):
     made = in_environment if name in ("fast", "drake") else in_engine
     tolerance = {"float32": 2e-5, "drake": 1e-9}.get(name, 1e-11)
     with torch.compiler.set_stance("force_eager"):
-        other: Any = made(name, craft, conditions, flight.timing)
+        other = made(name, craft, conditions, flight.timing)
         for k, told in enumerate(pilot.told):
             np.testing.assert_allclose(
                 other.observe(), pilot.seen[k][: other.count], rtol=0, atol=2e-5

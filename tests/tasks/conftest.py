@@ -22,7 +22,7 @@ from tests.support.transitions import COUNT
 
 
 @pytest.fixture(params=sorted(ANY_CRAFT))
-def task(request: pytest.FixtureRequest) -> Any:
+def task(request) -> Any:
     return priced(TASKS[request.param]())
 
 
@@ -37,7 +37,7 @@ def priced(task: Any) -> Any:
 
 
 @pytest.fixture(params=["floating-platform", "free-flyer"])
-def craft(request: pytest.FixtureRequest) -> Spacecraft:
+def craft(request) -> Spacecraft:
     result = load_spacecraft(request.param)
     if "task" in request.fixturenames:
         task = request.getfixturevalue("task")
@@ -47,17 +47,17 @@ def craft(request: pytest.FixtureRequest) -> Spacecraft:
 
 
 @pytest.fixture
-def states(craft: Spacecraft) -> Any:
+def states(craft) -> Any:
     return random_states(craft.dimension, COUNT, seed=1)
 
 
 @pytest.fixture
-def goals(task: Any, craft: Spacecraft) -> Any:
+def goals(task, craft) -> Any:
     return scenarios(task, craft, seed=2, count=COUNT).goal
 
 
 @pytest.fixture
-def commands(craft: Spacecraft) -> tuple[tuple[np.ndarray, ...], ...]:
+def commands(craft) -> tuple[tuple[np.ndarray, ...], ...]:
     """A command and the one before it."""
     rng = np.random.default_rng(3)
     return tuple(

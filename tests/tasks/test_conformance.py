@@ -218,7 +218,7 @@ def test_reward_is_best_at_the_goal(task, states, goals, commands):
 def test_spawns_lie_inside_the_stated_range(task, craft):
     every = scenarios(task, craft, seed=6, count=2000 * len(task.parts()))
     assert not task.failed(every.start, every.goal).any()
-    every_part: dict[str, Any] = task.parts()
+    every_part = task.parts()
     for part in every_part.values():
         mine = np.flatnonzero(task.flag_of(every.goal) == np.full(len(every.start.p.x), part.flag))
         start, goal = (map_leaves(lambda x: x[mine], s) for s in (every.start, every.goal))  # noqa: B023

@@ -77,7 +77,7 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward():
         attitude_tolerance=0.1,
     )
 
-    def arrived(task: GoToPose, x: float, angle: float, v: float, spin: float) -> float:
+    def arrived(task, x, angle, v, spin):
         return paid(task, planar(0.0, x, angle, (v, 0.0), spin))["arrived"]
 
     assert arrived(task, 0.0, 0.0, 0.0, 0.0) == 6.0
@@ -171,7 +171,7 @@ def test_a_wrong_attitude_costs_at_the_goals_place_only():
     """Weight 8; ln 2 scales off in attitude, 8 (1 - 1/2) = 4; ln 2 scales off the place too, half of it."""
     task = GoToPose(misaligned_weight=8.0, fine_scale=0.1)
 
-    def cost(x: float, angle: float) -> float:
+    def cost(x, angle):
         return paid(task, planar(x, heading=angle))["misaligned"]
 
     half = math.log(2.0)

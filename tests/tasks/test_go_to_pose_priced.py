@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -54,9 +53,9 @@ def test_every_episode_is_go_to_pose_at_its_own_price(spacecraft):
     np.testing.assert_allclose(
         terms["thrust"], -0.1 * price * command.sum(axis=0), rtol=1e-12
     )  # rounding
-    unpriced: Any = GoToPose().reward(Transition(states, plain.goal, tuple(command), tuple(before)))
+    unpriced = GoToPose().reward(Transition(states, plain.goal, tuple(command), tuple(before)))
     np.testing.assert_array_equal(terms["approach"], unpriced["approach"])
-    weighed: Any = GoToPose(spin_weight=0.2, misaligned_weight=1.0).reward(
+    weighed = GoToPose(spin_weight=0.2, misaligned_weight=1.0).reward(
         Transition(states, plain.goal, tuple(command), tuple(before))
     )
     for name in ("misaligned", "spin"):

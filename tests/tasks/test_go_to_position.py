@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import pytest
 
@@ -54,7 +53,7 @@ def test_what_it_pays_by_hand():
     ],
 )
 def test_when_it_has_failed(state, fails):
-    goal: Any = planar() if isinstance(state, PlanarState) else spatial()
+    goal = planar() if isinstance(state, PlanarState) else spatial()
     assert bool(GoToPosition().failed(state, goal)) is fails
 
 

@@ -38,7 +38,7 @@ def drawn(name: str, *trees: Any, count: int = COUNT) -> list[Any]:
 
 @pytest.mark.parametrize("name", FLAGS)
 def test_the_drawn_task_decides_everything(name, shipped):
-    part: Any = TASK.parts()[name]
+    part = TASK.parts()[name]
     state = random_states(shipped.dimension, COUNT, seed=1)
     goal = goals(TASK, shipped, 2, COUNT)
     rng = np.random.default_rng(3)

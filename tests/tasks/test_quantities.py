@@ -37,7 +37,7 @@ class Gapped(rans.GoToPosition):
 
 
 @pytest.fixture
-def gap(monkeypatch: pytest.MonkeyPatch) -> Quantity:
+def gap(monkeypatch) -> Quantity:
     quantity = Quantity("gap", "m", "mm", 1000.0)
     monkeypatch.setitem(QUANTITIES, "gap", quantity)
     return quantity

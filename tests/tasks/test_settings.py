@@ -52,9 +52,9 @@ def test_what_works(change):
 
 
 def test_numbers_by_name():
-    seen: dict[str, tuple[float, ...]] = {}
+    seen = {}
 
-    def note(name: str, *numbers: float) -> float:
+    def note(name, *numbers):
         seen[name] = numbers
         return numbers[0] + 100.0
 
@@ -74,7 +74,7 @@ def test_numbers_by_name():
 
 
 def test_numbers_of_tasks_within_a_task():
-    names: list[str] = []
+    names = []
     tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
     same = map_settings(lambda name, number: names.append(name) or number, tasks)
     assert same == tasks

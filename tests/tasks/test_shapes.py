@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import casadi
 import numpy as np
@@ -41,7 +40,7 @@ CASES: list[tuple[Shape, tuple[float, ...], float]] = [
 
 @pytest.mark.parametrize(("shape", "point", "expected"), CASES)
 def test_margins_by_hand_in_every_library(shape, point, expected):
-    kind: Any = Vec2 if len(point) == 2 else Vec3
+    kind = Vec2 if len(point) == 2 else Vec3
     assert shape.gap(kind(*point)) == pytest.approx(expected, abs=ROUNDING)
     many = shape.gap(kind(*(np.full(3, x) for x in point)))
     np.testing.assert_allclose(many, expected, rtol=0, atol=ROUNDING)

@@ -23,7 +23,7 @@ OBSERVATIONS = np.random.default_rng(3).normal(size=(64, 10)).astype(np.float32)
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     """A model that was trained behind a VecNormalize, both as SB3 saves them."""
     path = tmp_path_factory.mktemp("trained")
     environment = VecNormalize(rans.SB3VecEnv(rans.Engine(CRAFT, GoToPose(), num_envs=16)))

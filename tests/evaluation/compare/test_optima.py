@@ -32,7 +32,7 @@ def starts(count: int = 3) -> Scenario:
 
 def test_every_trajectory_is_flown_in_drake():
     """Also least times, each with its own control period."""
-    ticks: list[int] = []
+    ticks = []
     for objective in (FUEL, MinimumTime(12)):
         answers = optima.optima(
             PLATFORM, TASK, objective, starts(2), workers=1, progress=ticks.append
@@ -73,7 +73,7 @@ def test_lost_starts_are_rows_with_a_sentence_and_files_hold_everything(tmp_path
         assert arrays["states"].shape == (3, 21, 6)
         assert arrays["commands"].shape == (3, 20, 8)
         assert np.isnan(arrays["states"][2]).all()
-        path: Trajectory = answers[0].trajectory
+        path = answers[0].trajectory
         column = list(arrays["leaves"]).index("heading")
         assert np.array_equal(arrays["states"][0, :, column], path.states.attitude.angle)
 

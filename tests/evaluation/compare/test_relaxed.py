@@ -11,7 +11,7 @@ import pytest
 from rans import GoToPose, Timing
 from rans.evaluation.compare import relaxed
 from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.optima import Optimum, episode, optima
+from rans.evaluation.compare.optima import episode, optima
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.scenario import each
@@ -47,7 +47,7 @@ def test_who_acts_at_a_rate_of_his_own_has_no_return():
 def test_what_was_lost_has_no_scores():
     objective = MinimumFuel(6.0, 0.2)
     [answer, _] = optima(CONTEST.craft, CONTEST.task, objective, CONTEST.starts, workers=1)
-    strayed: Optimum = replace(answer, replay_error=0.1)
+    strayed = replace(answer, replay_error=0.1)
     row = relaxed._scored(CONTEST, objective, strayed)
     assert not row.solved
     assert row.status == "solved, but Drake flies elsewhere"

@@ -44,12 +44,12 @@ def _little_effort() -> Iterator[None]:
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def cache(tmp_path_factory) -> Path:
     return tmp_path_factory.mktemp("comparison") / "bounds.json"
 
 
 @pytest.fixture(scope="module")
-def comparison(cache: Path) -> Comparison:
+def comparison(cache) -> Comparison:
     found = Comparison(CONTEST)
     found.fly(enlisted(SPECS, CONTEST), ("lqr", "optimal"), certified=2, cache=cache, workers=1)
     return found
@@ -92,7 +92,7 @@ def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(
     monkeypatch,
 ):
     """At 4 times the least time of 2.4 s an optimum would arrive in the last fifth of 10 s."""
-    asked: list[str] = []
+    asked = []
     monkeypatch.setattr(relaxed, "solve", lambda _, one, *__: asked.append(one.name) or [])
     contest = replace(CONTEST, timing=Timing(episode_steps=50))
     for multiples in (TYPICAL, (2.0, 4.0)):
@@ -173,7 +173,6 @@ def test_relaxed_optima(comparison):
     ]
     assert max(errors) < 1e-3
     best = best_returns(comparison)
-    assert best is not None
     for entry in comparison.entries:
         assert (entry.returns < best).all()
 
@@ -199,7 +198,7 @@ def test_a_start_without_optimum_costs_nobody_the_return(comparison):
 
 @pytest.mark.usefixtures("undrawn")
 def test_interrupt_keeps_what_is_finished(monkeypatch):
-    def interrupted(*_: object) -> None:
+    def interrupted(*_):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans_bounds.transfers.certified_bounds", interrupted)

@@ -61,7 +61,7 @@ class Fixed(Firing):
 
 def test_finds_the_least_and_counts_the_budget():
     """Below 0.2 no valve opens in 10 periods; nobody settles, which counts twice 2 s."""
-    steps: list[int] = []
+    steps = []
     found = tuned_settings(typed(f"{HERE}:Firing"), SETUP, 12, 3, 0.5, "the command", steps.append)
     assert steps == [1] * 12
     assert found.settings["habit.share"] < 0.2
@@ -78,7 +78,7 @@ def test_an_interrupt_keeps_what_was_found(monkeypatch):
     flown = []
     fly = Contest.fly
 
-    def interrupted(*given: Any) -> Any:
+    def interrupted(*given):
         if len(flown) == 3:
             raise KeyboardInterrupt
         flown.append(1)

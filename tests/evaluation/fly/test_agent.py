@@ -4,7 +4,6 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +18,7 @@ from tests.support.training import CONFIG, as_sb3, seen
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
-def trained(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def trained(request, tmp_path_factory) -> Path:
     """A run folder with a briefly trained agent."""
     path = tmp_path_factory.mktemp("runs") / "first"
     run = RunFolder(path)
@@ -30,7 +29,7 @@ def trained(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 
 @pytest.fixture
-def run_folder(trained: Path, tmp_path: Path) -> Path:
+def run_folder(trained, tmp_path) -> Path:
     """A copy that a test may spoil."""
     return Path(shutil.copytree(trained, tmp_path / "run"))
 
@@ -74,7 +73,7 @@ def test_a_damaged_policy(run_folder):
 
 def test_an_agent_for_another_spacecraft(run_folder):
     config = json.loads((run_folder / "config.json").read_text())
-    other: Any = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[
+    other = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[
         config["spacecraft"]
     ]
     (run_folder / "spacecraft.toml").write_text(spacecraft_text(other))

@@ -24,7 +24,7 @@ OWN = load_policy(pretrained_folder("any-craft-2d"))
 
 
 @pytest.fixture
-def flown(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[float, int]:
+def flown(monkeypatch, tmp_path) -> dict[float, int]:
     """Solved flights of each value, to be filled in by a test; without an entry none is."""
     solved: dict[float, int] = {}
 

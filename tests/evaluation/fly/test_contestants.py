@@ -29,12 +29,12 @@ def untrained(path: Path, **changes: object) -> Path:
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory) -> Path:
     return untrained(tmp_path_factory.mktemp("runs") / "poser")
 
 
 @pytest.fixture(scope="module")
-def multi(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def multi(tmp_path_factory) -> Path:
     tasks = MultiTask(tasks=("go-to-position", "track-velocity"))
     return untrained(tmp_path_factory.mktemp("runs") / "all", task="multi-task", settings=tasks)
 

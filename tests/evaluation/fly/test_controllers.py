@@ -91,7 +91,7 @@ def test_a_controller_of_any_module_flies_what_its_name_says():
         ContestantName.parse(spec).output_folder.name
         == f"{HERE}-Alternating-go-to-pose-2d-floating-platform-shared"
     )
-    made: Any = pickle.loads(
+    made = pickle.loads(
         pickle.dumps(found.controller)
     )  # as processes get it that share the flights
     assert made.slow  # so that they do
@@ -248,13 +248,13 @@ def test_a_network_answers_each_observation_for_itself():
     random = np.random.default_rng(4)
     begun = np.ones(len(seen), bool)
 
-    def by_row(rows: np.ndarray) -> np.ndarray:
+    def by_row(rows):
         return (rows[:, :8] > 0.0).astype(np.float32)
 
-    def mixed(rows: np.ndarray) -> np.ndarray:
+    def mixed(rows):
         return (rows[:, :8] > rows[:, :8].mean(axis=0)).astype(np.float32)
 
-    def sampled(rows: np.ndarray) -> np.ndarray:
+    def sampled(rows):
         return (random.random((len(rows), 8)) < 0.5).astype(np.float32)
 
     np.testing.assert_array_equal(

@@ -17,7 +17,7 @@ from rans.pretrained import pretrained_folder
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     written = tmp_path_factory.mktemp("exported") / "mine"
     write_export(pretrained_folder("go-to-pose-2d"), written, "onnx", episodes=2)
     return written

@@ -109,7 +109,7 @@ def test_flights_of_one_controller_do_not_meet(name):
     flyer, setup = FLYERS[name]()
     setup = setup._replace(timing=replace(setup.timing, episode_steps=PERIODS))
 
-    def commands(seed: int, who: Controller = flyer) -> np.ndarray:
+    def commands(seed, who=flyer):
         return fly_episodes(who, setup, seed, 2, workers=1).commands
 
     alone = [commands(seed) for seed in SEEDS]
@@ -128,7 +128,7 @@ def test_pilots_of_one_agent_by_turns(who):
     """With an evaluation in between, and with more environments than one."""
     agent = rans.load_agent(who)
 
-    def flights(seeds: tuple[int, ...]) -> np.ndarray:
+    def flights(seeds):
         envs = [gymnasium.make("rans/GoToPose2D-v0", task=agent.task) for _ in seeds]
         seen = [env.reset(seed=seed)[0] for env, seed in zip(envs, seeds, strict=True)]
         pilots = [rans.Pilot(agent, env) for env in envs]

@@ -17,7 +17,7 @@ from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
-def agent(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> str:
+def agent(request, tmp_path_factory) -> str:
     """A run folder of an agent with a trade-off, briefly trained."""
     path = tmp_path_factory.mktemp("runs") / "turned"
     tiny_trainer(

@@ -38,13 +38,13 @@ def opened(folder: Path) -> SavedPolicy:
 
 
 @pytest.fixture
-def alone(tmp_path: Path) -> Path:
+def alone(tmp_path) -> Path:
     """A shipped agent that a test may spoil."""
     return Path(shutil.copytree(pretrained_folder("go-to-pose-2d"), tmp_path / "alone"))
 
 
 @pytest.fixture
-def folder(tmp_path: Path) -> Path:
+def folder(tmp_path) -> Path:
     """The same as ``policy.zip``, as trainings and `rans export` write it."""
     return zipped("go-to-pose-2d", tmp_path / "agent")
 
@@ -206,7 +206,7 @@ def test_a_header_is_not_read_that_is_larger_than_any(monkeypatch):
 def test_weights_that_are_not_finite_are_told_by_name(folder, value):
     """At once, or in single precision."""
 
-    def spoil(table: dict[str, Any]) -> None:
+    def spoil(table):
         weights = table["weights"]["action_net.bias"].double()
         weights[0] = value
         table["weights"]["action_net.bias"] = weights

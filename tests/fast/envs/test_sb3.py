@@ -89,7 +89,7 @@ def test_ended_episodes_are_logged_without_a_monitor():
     action = np.zeros((3, 8))
     for _ in range(2):
         total = np.zeros(3)
-        infos: list[Any] = []
+        infos = []
         for step in range(5):
             _, reward, done, infos = env.step(action)
             total += reward

@@ -84,7 +84,7 @@ def test_shapes_and_types(name, dtype):
 
 
 def test_without_a_seed_episodes_are_random():
-    def unseeded(generator: np.random.Generator | None = None) -> Tensor:
+    def unseeded(generator=None):
         env = make()
         if generator is not None:
             env.np_random = generator

@@ -193,7 +193,7 @@ def test_arrays_that_torch_does_not_take_or_warns_of(
 @pytest.mark.filterwarnings("ignore:.*precision lowered")  # Gymnasium's own, where it rescales
 def test_gymnasiums_wrappers_of_actions():
     """Behind the one that makes arrays of tensors: -1 shuts and 1 opens where actions are rescaled."""
-    make_one: Any = lambda: gymnasium.make_vec(PLANE, num_envs=COUNT, spacecraft="atmos")  # noqa: E731
+    make_one = lambda: gymnasium.make_vec(PLANE, num_envs=COUNT, spacecraft="atmos")  # noqa: E731
     env = wrappers.RescaleAction(wrappers.ArrayConversion(make_one(), torch, np), -1.0, 1.0)
     plain = make_one()
     env.reset(seed=1)

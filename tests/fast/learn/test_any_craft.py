@@ -172,7 +172,7 @@ def test_values_are_of_its_own_flights(tmp_path, monkeypatch):
     # Planted errors in the returns: none, of the expert's flights, of its own.
     for number, wrong in enumerate([(0.0, 0.0), (1e3, 0.0), (0.0, 1.0)]):
 
-        def planted(*arguments: Any, wrong: tuple[float, float] = wrong) -> Any:
+        def planted(*arguments, wrong=wrong):
             labels = flown(*arguments)
             error = wrong[0] * (1.0 - labels.own) + wrong[1] * labels.own
             return labels._replace(returns=labels.returns + error)
@@ -206,14 +206,14 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(tmp_path, monkey
     given = config()
     begun = trainer(tmp_path / "ends", given)
     found = iter([0.98, 1.0])
-    compiles: list[bool] = []
+    compiles = []
 
-    def judge() -> dict[str, float]:
+    def judge():
         compiles.append(graph._compiles)
         return {"success": next(found)}
 
     monkeypatch.setattr(begun.selection, "judge", judge)
-    rows: list[Any] = []
+    rows = []
     begun.train(rows.append)
     assert begun.solved
     assert compiles == [False, False]

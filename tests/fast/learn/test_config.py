@@ -3,7 +3,6 @@ from __future__ import annotations
 import itertools
 import json
 import tomllib
-from collections.abc import Iterator
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -81,7 +80,7 @@ def test_every_setting_of_ppo_is_set_by_somebody():
     tables += [json.loads(path.read_text("utf-8")).get("ppo", {}) for path in agents]
     assert len(agents) > 20
 
-    def never_set(settings: Any, found: list[dict[str, Any]], place: str = "") -> Iterator[str]:
+    def never_set(settings, found, place=""):
         for field in fields(settings):
             given = [table[field.name] for table in found if field.name in table]
             default = getattr(settings, field.name)

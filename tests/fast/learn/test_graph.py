@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
-from typing import Any
 from unittest.mock import MagicMock
 
 import pytest
@@ -23,7 +21,7 @@ GPU = torch.device("cuda")
 
 
 @pytest.fixture
-def _on_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+def _on_a_gpu(monkeypatch) -> None:
     """Stand-ins for what needs one."""
     for name in ("CUDAGraph", "Stream", "current_stream"):
         monkeypatch.setattr(torch.cuda, name, MagicMock())
@@ -65,7 +63,7 @@ def test_python_collects_no_garbage_while_a_graph_is_recorded(usually, fails):
     """What it may destroy then, such as the graphs of an earlier training, breaks the one in the making."""
     collects = []
 
-    def function() -> torch.Tensor:
+    def function():
         collects.append(gc.isenabled())
         if fails and len(collects) == 3:
             raise ValueError("while it was recorded")
@@ -99,17 +97,17 @@ def test_what_a_gpu_compiles_is_traced_whole(craft, changes, monkeypatch, tmp_pa
     changed = replace(given.ppo, n_envs=8, n_steps=8, batch_size=32, n_epochs=1, **changes)
     given = replace(given, ppo=changed, plain=True, total_timesteps=64, report_interval=1)
 
-    def weights(folder: str) -> dict[str, torch.Tensor]:
+    def weights(folder):
         trainer = Trainer(given, load_spacecraft(craft), RunFolder(tmp_path / folder))
         trainer.train(lambda _: None)
         return {name: x.detach() for name, x in trainer.learner.network.tensors.items()}
 
     traced = list[str]()
 
-    def compiled(function: Callable[..., Any], *_: Any) -> Callable[..., Any]:
+    def compiled(function, *_):
         inner = torch.compile(function, fullgraph=True, dynamic=False, backend="eager")
 
-        def call(*arguments: Any) -> Any:
+        def call(*arguments):
             traced.append(function.__name__)
             return inner(*arguments)
 

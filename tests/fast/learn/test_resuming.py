@@ -30,7 +30,7 @@ WHOLE = replace(CONFIG, report_interval=4)
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Trainer:
+def whole(tmp_path_factory) -> Trainer:
     """A training that nobody stopped, with a report every four iterations."""
     trainer = tiny_trainer(tmp_path_factory.mktemp("whole") / "run", WHOLE)
     trainer.train(ignore)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3.common.callbacks import ConvertCallback
-from torch import Tensor
 
 from rans import Engine
 from rans.fast.learn.config import MemorySettings
@@ -42,7 +41,7 @@ def test_a_rollout_is_that_of_sb3(craft):
     twin.env.engine.stagger(torch.Generator().manual_seed(8))  # type: ignore[union-attr]
     remaining = iter(kept.action)
 
-    def replay(observations: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    def replay(observations):
         action = next(remaining)
         value, log_prob, _ = twin.policy.evaluate_actions(observations, action)
         return action, value, log_prob
@@ -51,12 +50,12 @@ def test_a_rollout_is_that_of_sb3(craft):
     # Our rewards are scaled before values are added to them: SB3 is given scaled ones.
     wait = twin.env.step_wait  # type: ignore[union-attr]
 
-    def scaled() -> Any:
+    def scaled():
         observation, reward, done, infos = wait()
         return observation, reward * np.float32(SCALE), done, infos
 
     twin.env.step_wait = scaled  # type: ignore[union-attr, method-assign]
-    buffer: Any = twin.rollout_buffer
+    buffer = twin.rollout_buffer
     callback = ConvertCallback(lambda *_: True)
     callback.init_callback(twin)
     assert twin.collect_rollouts(twin.env, callback, buffer, 20)  # type: ignore[arg-type]

@@ -5,7 +5,6 @@ import os
 from dataclasses import replace
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
@@ -17,7 +16,7 @@ from tests.support.training import CONFIG
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> RunFolder:
+def run(tmp_path) -> RunFolder:
     folder = RunFolder(tmp_path / "deep" / "run")
     folder.begin(CONFIG, "rans train go-to-pose")
     return folder
@@ -90,7 +89,7 @@ def test_a_checkpoint_is_whole_or_the_one_before(run, monkeypatch):
 
     real = Path.write_bytes
 
-    def half(file: Path, content: Any) -> int:
+    def half(file, content):
         real(file, content[: len(content) // 2])
         raise KeyboardInterrupt
 

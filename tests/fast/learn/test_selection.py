@@ -81,14 +81,14 @@ def test_an_episode_that_follows_a_failure_remembers_nothing_of_it():
     engine = selection._engines[""]
     act = selection._act
     move = engine.step
-    remembered: list[Any] = []
-    ended: list[Any] = []
+    remembered = []
+    ended = []
 
-    def watched_act(network: Network, observation: Any, memory: Any) -> Any:
+    def watched_act(network, observation, memory):
         remembered.append(memory.any(dim=1))
         return act(network, observation, memory)
 
-    def watched_step(command: Any) -> Any:
+    def watched_step(command):
         result = move(command)
         ended.append((result.terminated | result.truncated).clone())
         return result

@@ -48,7 +48,7 @@ def test_same_config_same_bits(tmp_path):
 
 
 def test_what_a_run_holds(tmp_path):
-    rows: list[dict[str, Any]] = []
+    rows = []
     trainer = tiny_trainer(tmp_path / "run", replace(CONFIG, report_interval=8))
     trainer.train(rows.append)
     assert rows == trainer.run.metrics()
@@ -131,7 +131,7 @@ def test_it_learns(tmp_path):
     config = replace(
         CONFIG, ppo=PPOSettings(), timing=Timing(), total_timesteps=230_000, report_interval=28
     )
-    rows: list[dict[str, Any]] = []
+    rows = []
     tiny_trainer(tmp_path / "run", config).train(rows.append)
     assert rows[-1]["error/position"] < 0.6
 

@@ -37,7 +37,7 @@ pytestmark = needs_compiler
 
 
 @pytest.fixture(params=[1, 2])
-def together(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+def together(request, monkeypatch) -> int:
     """Of few spacecraft too, a thread steps so many."""
     monkeypatch.setattr(step_kernel, "MANY", 1 if request.param == 2 else 2**31)
     monkeypatch.setattr(step_kernel, "LONG", 2**31)
@@ -65,8 +65,8 @@ def two_a_thread(test: Any) -> Any:
     ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_tasks_step_and_restart_as_on_numpy(on_host, task, craft, together):
-    made: Any = (craft, TASKS[task](), 16, Timing(episode_steps=12))
-    how: Any = {"seed": SEED, "dtype": torch.float64}
+    made = (craft, TASKS[task](), 16, Timing(episode_steps=12))
+    how = {"seed": SEED, "dtype": torch.float64}
     engine = on_host(*made, **how)
     assert engine._kernel._together == together
     assert compare(Engine(*made, **how), engine) >= 2 * 16
@@ -75,7 +75,7 @@ def test_tasks_step_and_restart_as_on_numpy(on_host, task, craft, together):
 @pytest.mark.parametrize("name", ["sensors", "dropout"])
 def test_an_observation_is_that_of_numpy(on_host, name):
     """In what their episodes drew, after a step."""
-    given: Any = {"seed": SEED, "dtype": torch.float64, "conditions": EFFECTS[name]}
+    given = {"seed": SEED, "dtype": torch.float64, "conditions": EFFECTS[name]}
     ours = Engine(PLATFORM, NEAR, 16, SHORT, **given)
     theirs = on_host(PLATFORM, NEAR, 16, SHORT, **given)
     for engine in (ours, theirs):
@@ -188,7 +188,7 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host):
     ],
 )
 def test_without_a_kernel_torch_makes_the_step(error, monkeypatch):
-    def fail(*_: Any) -> None:
+    def fail(*_):
         raise error
 
     monkeypatch.setattr(Kernel, "function", fail)
@@ -215,13 +215,13 @@ def with_actuators(kind: Any) -> Spacecraft:
 @pytest.mark.usefixtures("together")
 def test_shares_of_thrust(on_host, kind, dtype):
     """Commands anywhere from 0 to 1; the last is remembered in 32 bits, whatever the engine computes in."""
-    made: Any = (with_actuators(kind), SwitchingGoToPose(**vars(NEAR)), 16, SHORT)
+    made = (with_actuators(kind), SwitchingGoToPose(**vars(NEAR)), 16, SHORT)
     ours = Engine(*made, seed=SEED, dtype=dtype)
     theirs = on_host(*made, seed=SEED, dtype=dtype)
     assert {array.dtype for array in theirs.episode.commands[0]} == {torch.float32}
     generator = torch.Generator().manual_seed(7)
 
-    def shares(steps: int) -> torch.Tensor:
+    def shares(steps):
         whole = actions(PLATFORM, 16, steps)
         return whole * (0.2 + 0.8 * torch.rand(whole.shape, generator=generator, dtype=dtype))
 
@@ -278,8 +278,8 @@ IN_ALL = {
     ids=lambda x: getattr(x, "name", str(x)),
 )
 def test_every_condition_is_drawn_and_flown_as_on_numpy(on_host, effect, remember, craft):
-    made: Any = (craft, GoToPose(), 8, Timing(episode_steps=6))
-    how: Any = {
+    made = (craft, GoToPose(), 8, Timing(episode_steps=6))
+    how = {
         "seed": SEED,
         "dtype": torch.float64,
         "conditions": (EFFECTS | {"pairs": PAIRS})[effect],
