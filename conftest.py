@@ -152,12 +152,13 @@ def refused(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
 
 
 @pytest.fixture
-def told(capsys: pytest.CaptureFixture[str]) -> Callable[[str], str]:
-    """Runs a command that fails or is refused; all that it prints, with one space between words."""
+def ran(capsys: pytest.CaptureFixture[str]) -> Callable[..., str]:
+    """Runs a command, a line and perhaps words with spaces; all that it prints, with one space between words."""
     from rans.cli import main
 
-    def run(line: str) -> str:
-        assert main(line.split()) in (1, 2)
+    def run(line: str, *words: str, code: int = 0) -> str:
+        capsys.readouterr()
+        assert main([*line.split(), *words]) == code
         said = capsys.readouterr()
         return " ".join((said.out + said.err).split())
 

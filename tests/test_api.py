@@ -170,9 +170,7 @@ def test_a_derived_class_hands_its_arguments_on():
     assert (envs.colour, envs.num_envs) == ("red", 2)
 
 
-def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(
-    tmp_path,
-):
+def test_training_a_spacecraft_of_ones_own_leaves_a_run_that_can_be_repeated(tmp_path):
     craft = rans.Spacecraft.planar("slider", 5.0, 0.1, SLIDER)
     rows = list[dict[str, Any]]()
     settings = rans.PPOSettings(n_envs=4, n_steps=4, batch_size=8, n_epochs=1, layers=(8,))

@@ -16,7 +16,6 @@ import pytest
 
 import rans
 from rans import TASKS
-from rans.cli import main
 from rans.errors import ConfigError, brief
 from rans.files import Lock, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
@@ -177,13 +176,12 @@ def test_drafts_of_killed_processes_go(tmp_path):
 
 @pytest.mark.parametrize("distance", [1e2, 1e7])
 @pytest.mark.filterwarnings("default:spacecraft 'floating-platform'. a thruster is:UserWarning")
-def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(capsys, distance):
+def test_the_picture_of_a_spacecraft_fits_however_far_its_thrusters_are(ran, distance):
     head, _, tail = PLATFORM_TEXT.partition("position = [")
     write_text(Path("far.toml"), f"{head}position = [{distance}, {tail.partition(',')[2].lstrip()}")
-    assert main(["list", "far.toml"]) == 0
-    said = capsys.readouterr()
-    assert len(said.out) < 10_000
-    assert f"a thruster is {distance:.3g} m from the centre of mass" in " ".join(said.err.split())
+    said = ran("list far.toml")
+    assert len(said) < 10_000
+    assert f"a thruster is {distance:.3g} m from the centre of mass" in said
 
 
 @pytest.mark.parametrize(

@@ -229,14 +229,7 @@ class Counting(ThreadPoolExecutor):
         ("go-to-pose-2d", 4096, 0, "rans: nothing ran on tests.test_executors:Counting"),
     ],
 )
-def test_a_command_says_what_ran_on_its_executor(
-    who,
-    part,
-    jobs,
-    said,
-    monkeypatch,
-    capsys,
-):
+def test_a_command_says_what_ran_on_its_executor(who, part, jobs, said, monkeypatch, capsys):
     """Flights of an agent are cut into jobs, too; what the executor does not get is said."""
     monkeypatch.setattr(episodes, "_FAST_SHARE", part)
     monkeypatch.setattr(Counting, "count", 0)

@@ -8,7 +8,7 @@ from importlib.util import find_spec
 
 import pytest
 
-from rans.cli import help, main
+from rans.cli import help
 from rans.errors import EXTRAS, MissingPackage
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
@@ -78,7 +78,7 @@ def test_the_core_has_the_agents_of_commands_that_a_newcomer_types():
     assert named - {"dock-port-2d"} <= {file.name for file in FOLDER.iterdir()}
 
 
-def test_without_the_second_distribution(monkeypatch, capsys):
+def test_without_the_second_distribution(monkeypatch, ran):
     """Seven agents are left; any other is a sentence with the command that installs it."""
     monkeypatch.setattr("rans.pretrained.PACKAGE", "rans_agents_of_nobody")
     monkeypatch.setitem(EXTRAS, "rans_agents_of_nobody", "agents")
@@ -91,10 +91,7 @@ def test_without_the_second_distribution(monkeypatch, capsys):
     with pytest.raises(MissingPackage):
         contestant("avoid-2d")
     assert contestant("go-to-pose-3d").controller.name == "go-to-pose-3d"
-    assert main(["list", "agents"]) == 0
-    assert f"20 more agents: pip install {ROOT / 'agents'}" in " ".join(
-        capsys.readouterr().out.split()
-    )
+    assert f"20 more agents: pip install {ROOT / 'agents'}" in ran("list agents")
 
 
 def test_an_agent_of_the_core_has_precedence(tmp_path, monkeypatch):

@@ -93,9 +93,7 @@ def own_tasks() -> dict[str, Any]:
     return names
 
 
-def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves(
-    own_tasks,
-):
+def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves(own_tasks):
     task = own_tasks["Meet"]()
     flight = fly(CRAFT, task, rans.LQR(CRAFT, task), scenarios(task, CRAFT, 0, 4), Timing())
     moved = flight.goals.p - map_leaves(lambda x: x[0], flight.goals.p)
@@ -104,9 +102,7 @@ def test_the_task_of_the_page_of_own_tasks_is_met_and_its_goal_moves(
     assert flight.errors()["position"][-1].max() < task.position_tolerance
 
 
-def test_the_mission_of_the_page_of_own_tasks_is_won(
-    own_tasks,
-):
+def test_the_mission_of_the_page_of_own_tasks_is_won(own_tasks):
     """By LQR, which comes to rest at the point: softly, and long before the time is up."""
     task = own_tasks["Dock"]()
     with pytest.warns(UserWarning, match="constraints"):

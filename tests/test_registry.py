@@ -115,9 +115,7 @@ def test_a_line_without_an_equals_sign_or_a_name_breaks_no_other_package(line, i
         assert list(registry()) == ["byte", "seven"]
 
 
-def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(
-    install,
-):
+def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(install):
     install("one", same="one:number", byte="one:number")
     install("two", same="two:number")
     found = registry()
@@ -126,9 +124,7 @@ def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in
     assert (found["byte"], found.package("byte")) == (8, "")
 
 
-def test_where_names_are_shared_every_package_counts_and_a_broken_one_is_named(
-    install,
-):
+def test_where_names_are_shared_every_package_counts_and_a_broken_one_is_named(install):
     install("one", same="one:number", byte="one:number")
     install("two", "number = 9", same="two:number")
     assert [*registry().each()] == [("byte", 8), ("same", 7), ("same", 9)]
@@ -170,9 +166,7 @@ class NotMade:
         raise AssertionError("it was called")
 
 
-def test_a_name_of_a_file_is_refused_until_the_user_types_it(
-    monkeypatch,
-):
+def test_a_name_of_a_file_is_refused_until_the_user_types_it(monkeypatch):
     monkeypatch.setattr("rans.registry._typed", set())
     name = "tests.test_registry:BYTE"
     for trust in ("", "0", "no", "true"):

@@ -84,9 +84,7 @@ def test_every_page_is_in_one_table_of_contents(generated_pages):
 
 
 @pytest.mark.slow
-def test_the_reference_has_every_public_name_command_task_and_spacecraft(
-    generated_pages,
-):
+def test_the_reference_has_every_public_name_command_task_and_spacecraft(generated_pages):
     REFERENCE.check_api()
     made = generated_pages
     for name in REFERENCE.COMMANDS:

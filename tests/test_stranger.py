@@ -10,7 +10,6 @@ import pytest
 
 import rans
 from rans import GoToPose
-from rans.cli import main
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import trust_option
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -77,13 +76,12 @@ def test_an_effector_without_a_store_is_left_out_of_an_oracle_that_cannot_have_i
 
 
 @pytest.mark.usefixtures("installed")
-def test_its_commands_kind_and_learner_are_listed(monkeypatch, capsys):
+def test_its_commands_kind_and_learner_are_listed(monkeypatch, ran):
     rows = {row[0]: row[1] for row in spacecraft_listing(CRAFT).rows}
     assert rows["command 8"] == "fan, from 0 to 1"
     assert "thrusters alone" in rows["1 m from rest to rest, at the quickest"]
     monkeypatch.setattr(LEARNERS, "own", {"reinforce": LEARNERS["ppo"]})
-    assert main(["list"]) == 0
-    text = capsys.readouterr().out
+    text = ran("list")
     assert "fan" in text
     assert "reinforce" in text
     assert not [line for line in with_spacecraft(CRAFT, "blown.toml") if "lqr" in line]

@@ -5,7 +5,6 @@ import json
 import pytest
 
 from rans import TASKS
-from rans.cli import main
 from rans.terminal import Terminal
 from validation.commands.benchmark import Benchmark
 from validation.speed.measurement import Measurement
@@ -28,11 +27,10 @@ QUICK = ["floating-platform", "--quick"]
 
 
 @pytest.mark.slow
-def test_figures(capsys, tmp_path, monkeypatch):
+def test_figures(ran, tmp_path, monkeypatch):
     monkeypatch.setattr("validation.speed.flights._UNITS", {2: (64,)})  # of three sizes
     file = tmp_path / "speed.json"
-    assert main(["benchmark", *QUICK, "--output", str(file)]) == 0
-    text = capsys.readouterr().out
+    text = ran("benchmark", *QUICK, "--output", str(file))
     assert text.index("ratio") < text.index("memory copy")  # what matters comes first
     for part in (
         "floating-platform, 64 environments",
@@ -61,7 +59,7 @@ def test_figures(capsys, tmp_path, monkeypatch):
     )
 
 
-def test_interrupted_it_shows_and_writes_what_was_measured(capsys, tmp_path, monkeypatch):
+def test_interrupted_it_shows_and_writes_what_was_measured(ran, tmp_path, monkeypatch):
     """Ctrl-C comes while the first agent is timed."""
 
     def measured(*_):
@@ -80,11 +78,10 @@ def test_interrupted_it_shows_and_writes_what_was_measured(capsys, tmp_path, mon
     monkeypatch.setattr("validation.speed.suite.measurements", measured)
     monkeypatch.setenv("COLUMNS", "60")
     file = tmp_path / "speed.json"
-    assert main(["benchmark", *QUICK, "--output", str(file)]) == 130
-    said = capsys.readouterr()
-    assert "12.5" in said.out
-    assert "0.75" in said.out  # its share of the bound, also on a narrow terminal
-    assert "interrupted; what was written is kept" in said.err
+    said = ran("benchmark", *QUICK, "--output", str(file), code=130)
+    assert "12.5" in said
+    assert "0.75" in said  # its share of the bound, also on a narrow terminal
+    assert "interrupted; what was written is kept" in said
     assert [row["value"] for row in json.loads(file.read_text())["measurements"]] == [
         12.5,
         3.0,

@@ -44,7 +44,7 @@ def test_writes_page_and_numbers(tmp_path, capsys, monkeypatch):
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, monkeypatch, capsys):
+def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, monkeypatch, ran):
     def solve(contest, objective, *_):
         return [Relaxed(objective, 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
 
@@ -55,8 +55,7 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, mon
     monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", solve)
     monkeypatch.setattr("rans_bounds.transfers.certified_bounds", one_bound)
     command = f"compare lqr:go-to-pose-2d --with optimal --episodes 1 --full --output {tmp_path}"
-    assert main(command.split()) == 130
-    out = capsys.readouterr().out
+    out = ran(command, code=130)
     for part in ("minimum time", "1 of 1", "3.25", "7.5"):
         assert part in out
     read = json.loads((tmp_path / "compare.json").read_text())
@@ -65,18 +64,15 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, mon
     assert bound["hull"] == 2.75
 
 
-def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(
-    tmp_path, monkeypatch, capsys
-):
+def test_interrupted_before_anybody_has_flown_it_leaves_what_is_there(tmp_path, monkeypatch, ran):
     def interrupted(*_, **__):
         raise KeyboardInterrupt
 
     for name in ("compare.html", "compare.json"):
         (tmp_path / name).write_text("an earlier one")
     monkeypatch.setattr("rans.evaluation.compare.run.Comparison.fly", interrupted)
-    assert main(f"compare lqr:go-to-pose-2d --output {tmp_path}".split()) == 130
+    said = ran(f"compare lqr:go-to-pose-2d --output {tmp_path}", code=130)
     assert {file.read_text() for file in tmp_path.iterdir()} == {"an earlier one"}
-    said = " ".join(capsys.readouterr().out.split())
     assert "before the first contestant had flown: there is no comparison." in said
 
 
@@ -112,7 +108,7 @@ def test_every_option_reaches_the_comparison(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_an_interrupt_of_the_page_leaves_the_data(monkeypatch, tmp_path, capsys):
+def test_an_interrupt_of_the_page_leaves_the_data(monkeypatch, tmp_path, ran):
     """The page is drawn last: scores are printed and written before."""
 
     def interrupted(*_):
@@ -120,8 +116,8 @@ def test_an_interrupt_of_the_page_leaves_the_data(monkeypatch, tmp_path, capsys)
 
     monkeypatch.setattr("rans.show.pages.comparison_page.page", interrupted)
     options = f"--with switching --episodes 2 --output {tmp_path}"
-    assert main(f"compare switching:go-to-pose-2d {options}".split()) == 130
-    assert "solved, %" in capsys.readouterr().out
+    said = ran(f"compare switching:go-to-pose-2d {options}", code=130)
+    assert "solved, %" in said
     assert (tmp_path / "compare.json").is_file()
     assert not (tmp_path / "compare.html").exists()
 
@@ -160,9 +156,7 @@ def test_the_agent_for_any_craft_is_offered_where_it_can_fly(tmp_path):
     assert line("lqr:track-velocity-2d") == ""  # another task
 
 
-def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_frugal(
-    tmp_path,
-):
+def test_the_file_of_a_craft_alone_is_the_agent_for_any_craft_from_fast_to_frugal(tmp_path):
     own = tmp_path / "mine.toml"
     own.write_text(to_toml(load_spacecraft("floating-platform")))
     names = at_values(ContestantName.parse(str(own)))

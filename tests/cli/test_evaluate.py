@@ -39,9 +39,8 @@ def test_both_engines(capsys, run_folder):
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 
-def test_flights_too_many_to_keep_are_refused(capsys):
-    assert main(["evaluate", "go-to-pose-2d", "--episodes", "65537"]) == 2
-    assert "rans assure judges more" in capsys.readouterr().err.replace("\n", " ")
+def test_flights_too_many_to_keep_are_refused(ran):
+    assert "rans assure judges more" in ran("evaluate go-to-pose-2d --episodes 65537", code=2)
 
 
 @pytest.mark.slow
@@ -143,9 +142,9 @@ def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder):
 @pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.filterwarnings("default")
 @pytest.mark.parametrize("guard", [[], ["--guard"]])
-def test_behind_the_filter_no_controller_is_said_to_violate_constraints(guard, capsys):
-    assert main(["evaluate", "lqr:avoid-2d", "--episodes", "1", *guard]) == 0
-    assert ("constraints of Avoid" in capsys.readouterr().err) is not bool(guard)
+def test_behind_the_filter_no_controller_is_said_to_violate_constraints(guard, ran):
+    said = ran("evaluate lqr:avoid-2d --episodes 1", *guard)
+    assert ("constraints of Avoid" in said) is not bool(guard)
 
 
 @pytest.mark.parametrize(
@@ -193,6 +192,6 @@ def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text, command
     ],
     ids=lambda options: options[0],
 )
-def test_what_judges_a_flight_says_why_flights_are_lost(options, run_folder, here, capsys):
-    assert main([options[0], str(run_folder), *options[1:]]) == 0
-    assert f"Next: rans view {run_folder}" in " ".join(capsys.readouterr().out.split())
+def test_what_judges_a_flight_says_why_flights_are_lost(options, run_folder, here, ran):
+    said = ran(options[0], str(run_folder), *options[1:])
+    assert f"Next: rans view {run_folder}" in said

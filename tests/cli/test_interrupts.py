@@ -14,7 +14,6 @@ from collections.abc import Callable
 import pytest
 
 import rans_command
-from rans.cli import main
 
 INTERRUPTED = """
 import os, signal, sys
@@ -139,7 +138,7 @@ def _interrupted(runs: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> No
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
 
 
-def test_an_interrupted_reproduction_says_which_rows_are_kept(tmp_path, monkeypatch, capsys):
+def test_an_interrupted_reproduction_says_which_rows_are_kept(tmp_path, monkeypatch, ran):
     page = tmp_path / "differences.md"
 
     def interrupted(*_, **__):
@@ -150,6 +149,5 @@ def test_an_interrupted_reproduction_says_which_rows_are_kept(tmp_path, monkeypa
 
     monkeypatch.setattr("rans.cli.reproduce.subprocess.run", interrupted)
     for said in ("no row was complete", "differences.md has the rows until then"):
-        assert main(["reproduce", "--output", str(tmp_path)]) == 130
-        assert said in capsys.readouterr().err.replace("\n", " ")
+        assert said in ran("reproduce --output", str(tmp_path), code=130)
         page.touch()

@@ -220,13 +220,7 @@ def test_the_module_is_the_command():
         (KeyboardInterrupt(), 130, "\nrans: interrupted; nothing was written.\n"),
     ],
 )
-def test_ends_with_a_sentence(
-    error,
-    code,
-    said,
-    monkeypatch,
-    capsys,
-):
+def test_ends_with_a_sentence(error, code, said, monkeypatch, capsys):
     broken(monkeypatch, error)
     assert main(["list"]) == code
     assert capsys.readouterr() == ("", said)

@@ -48,20 +48,18 @@ def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:
     return Study("x", checks, {"seconds": 1.5}, skipped)
 
 
-def test_validate_says_what_failed_and_where(monkeypatch, capsys):
+def test_validate_says_what_failed_and_where(monkeypatch, ran):
     good = Check("mass", 0.0, 1e-9, "kg", "Rounding.", "state 2")
     bad = Check("way", 1.0, 1e-9, "m", "Truncation.", "flight 7")
     found = study_of(good, bad, skipped=(Skipped("kernel", "No compiler."),))
     monkeypatch.setattr(validation.study.study, "study", lambda *_: found)
     monkeypatch.setenv("COLUMNS", "120")
-    assert main(["validate"]) == 1
-    printed = capsys.readouterr().out
+    printed = ran("validate", code=1)
     assert "FAIL way (flight 7). Its tolerance: Truncation." in printed
     assert "not run kernel: No compiler." in printed
     assert "1 of 2 checks passed in 1.5 s." in printed
     monkeypatch.setattr(validation.study.study, "study", lambda *_: study_of(good))
-    assert main(["validate"]) == 0
-    assert "1 of 1 checks passed in 1.5 s." in capsys.readouterr().out
+    assert "1 of 1 checks passed in 1.5 s." in ran("validate")
 
 
 @pytest.mark.slow

@@ -126,12 +126,10 @@ def test_a_config_trains_the_spacecraft_that_it_was_used_with(refused):
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_resume_goes_on(capsys, refused):
+def test_resume_goes_on(ran, refused):
     assert main([*tiny(), "--set", "total_timesteps=512", "--output", "run"]) == 0
-    assert main(["train", "--resume", "run", "--total-timesteps", "1.024e3"]) == 0
-    assert "Done after 1,024 steps" in capsys.readouterr().out
-    assert main(["train", "--resume", "run"]) == 0
-    assert "Nothing was left to train: run has 1,024 steps" in capsys.readouterr().out
+    assert "Done after 1,024 steps" in ran("train --resume run --total-timesteps 1.024e3")
+    assert "Nothing was left to train: run has 1,024 steps" in ran("train --resume run")
     assert main([*tiny(), "--set", "total_timesteps=1024", "--output", "whole"]) == 0
     assert torch.equal(trained("run"), trained("whole"))
     config = json.loads(Path("run/config.json").read_text())
@@ -193,7 +191,7 @@ def test_a_signal_stops_it_gently():
 
 
 @pytest.mark.slow
-def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch, capsys):
+def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch, ran):
     """It ends in the middle of a round, and the command that it prints begins anew."""
     rounds = []
     learn = any_craft._Lessons.learn
@@ -206,20 +204,17 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch
 
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
     monkeypatch.setattr(any_craft._Lessons, "learn", interrupted)
-    command = [*tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)]
-    assert main([*command, "--output", "run"]) == 130
+    command = tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)
+    said = ran("", *command, "--output", "run", code=130)
     assert rounds == [1, 1, 1]
     assert not {"checkpoint.safetensors", "agent.safetensors"} & {
         file.name for file in Path("run").iterdir()
     }
-    out = capsys.readouterr().out
-    assert "Stopped " in out
-    again = " ".join(out.split()).partition("Begin anew with: ")[2]
-    assert again == "rans train --resume run"
+    assert "Stopped " in said
+    assert said.endswith("Begin anew with: rans train --resume run")
     for name in ("_ROUNDS", "_OWN_ROUNDS", "_MOST_ROUNDS"):
         monkeypatch.setattr(any_craft, name, 1)
-    assert main(shlex.split(again)[1:]) == 0
-    assert "Stopped" not in capsys.readouterr().out
+    assert "Stopped" not in ran("train --resume run")
 
 
 def _iterate_for_ever() -> None:

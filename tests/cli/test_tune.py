@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from rans import TASKS, Timing
-from rans.cli import main
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import simple_controller
 from rans.evaluation.fly.tuned import OWN
@@ -20,10 +19,9 @@ def _few(monkeypatch, here) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_tuned_flies_from_then_on(monkeypatch, capsys):
+def test_what_is_tuned_flies_from_then_on(monkeypatch, ran):
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 2)
-    assert main(["tune", "lqr:track-velocity-2d@atmos"]) == 0
-    said = capsys.readouterr().out
+    said = ran("tune lqr:track-velocity-2d@atmos")
     file = OWN / "lqr-track-velocity-atmos.json"
     assert f"Written to {file}." in said
     assert "weights.velocity" in said
@@ -33,29 +31,27 @@ def test_what_is_tuned_flies_from_then_on(monkeypatch, capsys):
 
 
 @pytest.mark.slow
-def test_a_worse_result_replaces_nothing(monkeypatch, capsys):
+def test_a_worse_result_replaces_nothing(monkeypatch, ran):
     """As of a search that was stopped early, or on fewer starts."""
-    tune = ["tune", "lqr:track-velocity-2d@atmos"]
+    tune = "tune lqr:track-velocity-2d@atmos"
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 4)
-    assert main(tune) == 0
+    ran(tune)
     file = OWN / "lqr-track-velocity-atmos.json"
     good = file.read_text()
     file.write_text(
         good.replace('"tuned": ', '"tuned": -')
     )  # as if far better settings had been found
     kept = file.read_text()
-    capsys.readouterr()
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 1)
-    assert main(tune) == 0
-    said = " ".join(capsys.readouterr().out.split())
+    said = ran(tune)
     assert "Not written: the settings in use, tuned: 4 settings on 2 starts" in said
     assert "were found on more starts" in said
     assert file.read_text() == kept
     monkeypatch.setattr("rans.cli.tune._STARTS", 1)
-    assert main(tune) == 0
+    ran(tune)
     assert file.read_text() == kept
     monkeypatch.setattr("rans.cli.tune._STARTS", 3)
-    assert main(tune) == 0
+    ran(tune)
     assert '"starts": 3' in file.read_text()
 
 

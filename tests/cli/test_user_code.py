@@ -50,23 +50,16 @@ def written(line: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> str:
         ('return {"position": transition.state.attitude.rotate_back(way)}', "did you mean rotate"),
     ],
 )
-def test_file_and_line_are_first(
-    line,
-    said,
-    tmp_path,
-    monkeypatch,
-    capsys,
-):
+def test_file_and_line_are_first(line, said, tmp_path, monkeypatch, ran):
     module = written(line, tmp_path, monkeypatch)
-    command = ["train", f"{module}:Gate", "--total-timesteps", "1"]
-    assert main(command) == 2
-    printed = capsys.readouterr().err
+    command = f"train {module}:Gate --total-timesteps 1"
+    printed = ran(command, code=2)
     assert printed.startswith(f"rans: {module}.py, line {LINE}, in reward: ")
     assert said in printed
     assert line in printed
     monkeypatch.setenv("RANS_TRACEBACK", "1")
     with pytest.raises((LookupError, TypeError, ValueError, AttributeError)):
-        main(command)
+        main(command.split())
 
 
 def test_a_reward_that_is_no_dict_is_named(tmp_path, monkeypatch, refused):
@@ -93,13 +86,7 @@ def test_a_reward_that_is_no_dict_is_named(tmp_path, monkeypatch, refused):
         ("def observation_terms(self, state, goal): return (state.p,)", "VectorInW("),
     ],
 )
-def test_results_of_another_kind(
-    function,
-    said,
-    tmp_path,
-    monkeypatch,
-    refused,
-):
+def test_results_of_another_kind(function, said, tmp_path, monkeypatch, refused):
     module = written(f"return {{}}\n    {function}", tmp_path, monkeypatch)
     printed = refused(f"train {module}:Gate --total-timesteps 1")
     name = function.split("(")[0].removeprefix("def ")
@@ -107,19 +94,13 @@ def test_results_of_another_kind(
     assert said in printed
 
 
-def test_a_module_that_cannot_be_imported(
-    here,
-    monkeypatch,
-    refused,
-    capsys,
-):
+def test_a_module_that_cannot_be_imported(here, monkeypatch, refused, ran):
     module = written("return {}", here, monkeypatch)
     assert f"without .py: write {module}:Gate" in refused(f"train {module}.py:Gate")
     assert "(did you mean Gate?)" in refused(f"train {module}:Gat")
     assert f"did you mean {module}:CLASS" in refused(f"train {module}")
     (here / "gate_unfrozen.py").write_text(TASK.replace("(frozen=True)", ""))
-    assert main(["list", "gate_unfrozen:Gate"]) == 2
-    printed = capsys.readouterr().err
+    printed = ran("list gate_unfrozen:Gate", code=2)
     assert "gate_unfrozen.py, line 6, in <module>" in printed
     assert "@dataclass(frozen=True)" in printed
 

@@ -47,9 +47,9 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch):
     assert len(again) == 4
 
 
-def test_valves_that_pulse_are_validated(capsys):
+def test_valves_that_pulse_are_validated(ran):
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
-    assert main(["validate", "--quick", "atmos", "--layer", "period"]) == 0, capsys.readouterr()
+    ran("validate --quick atmos --layer period")
 
 
 def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, refused):
@@ -63,10 +63,9 @@ def test_a_spacecraft_drake_refuses_is_one_sentence(tmp_path, refused):
     assert "Drake refuses its inertia" in refused(f"validate --quick {file}")
 
 
-def test_what_could_not_be_checked_is_said(monkeypatch, capsys):
+def test_what_could_not_be_checked_is_said(monkeypatch, ran):
     monkeypatch.setattr(shutil, "which", lambda _: None)
-    assert main(["validate", "--layer", "compiled"]) == 1
-    printed = capsys.readouterr().out
+    printed = ran("validate --layer compiled", code=1)
     assert "not run" in printed
     assert "Nothing could be checked" in printed
     assert "C++ compiler" in printed

@@ -27,11 +27,10 @@ def _elsewhere(tmp_path, monkeypatch) -> None:
 
 
 @pytest.mark.slow
-def test_a_replay_is_saved(capsys):
+def test_a_replay_is_saved(ran):
     options = "--episodes 2 --engine drake --save replay.html"
-    assert main([*f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}".split()]) == 0
-    printed = capsys.readouterr().out
-    assert printed.startswith("replay.html shows LQR.\n")
+    printed = ran(f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}")
+    assert printed.startswith("replay.html shows LQR. ")
     assert Path("replay.html").stat().st_size < 5e5
     assert (
         "<title>go-to-pose, floating-platform and free-flyer</title>"
@@ -39,10 +38,9 @@ def test_a_replay_is_saved(capsys):
     )
 
 
-def test_a_page_in_which_an_agent_flies(capsys, refused):
-    command = "view pretrained:go-to-pose-2d --play --save fly.html --episode 3"
-    assert main([*command.split()]) == 0
-    assert capsys.readouterr().out.startswith("fly.html (")
+def test_a_page_in_which_an_agent_flies(ran, refused):
+    printed = ran("view pretrained:go-to-pose-2d --play --save fly.html --episode 3")
+    assert printed.startswith("fly.html (")
     assert "class Flight" in Path("fly.html").read_text()
     for wrong, said in (
         ("pretrained:go-to-pose-2d lqr --play --save fly.html", "one contestant"),

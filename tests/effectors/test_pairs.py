@@ -44,14 +44,7 @@ def within(apart: Apart, force: float = 0.5) -> None:
         ((STIFF,), 3, 0.2, 4, 25.0, None),
     ],
 )
-def test_effects_together_agree_with_scipy(
-    effects,
-    dimension,
-    period,
-    seed,
-    seconds,
-    force,
-):
+def test_effects_together_agree_with_scipy(effects, dimension, period, seed, seconds, force):
     within(compare(effects, dimension, period, seed, seconds, force), force or 0.5)
 
 

@@ -16,7 +16,6 @@ from rans_assurance.assure.campaign import Campaign
 from torch.multiprocessing.spawn import start_processes
 
 from rans import TASKS, Engine, Timing
-from rans.cli import main
 from rans.episode import Setup
 from rans.errors import WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
@@ -178,7 +177,7 @@ sys.exit(main(sys.argv[1:]))
 
 
 @pytest.mark.slow
-def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(tmp_path, monkeypatch, capsys):
+def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(tmp_path, monkeypatch, ran):
     """Which one process then resumes. They are on two machines, here both are this one."""
     monkeypatch.chdir(tmp_path)
     Path("mortal.py").write_text(MORTAL)
@@ -219,8 +218,7 @@ def test_a_lost_process_leaves_a_sentence_and_a_checkpoint(tmp_path, monkeypatch
     steps = RunFolder(Path("run")).load_checkpoint("cpu")["steps"]
     config = Path("run/config.json")
     config.write_text(config.read_text().replace("1000000000", str(steps + 256)))
-    assert main(["train", "--resume", "run"]) == 0
-    assert f"Done after {steps + 256:,} steps" in capsys.readouterr().out
+    assert f"Done after {steps + 256:,} steps" in ran("train --resume run")
 
 
 @pytest.mark.slow

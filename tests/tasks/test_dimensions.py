@@ -10,7 +10,6 @@ import pytest
 
 import rans
 from rans import ConfigError
-from rans.cli import main
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
@@ -113,10 +112,9 @@ def test_the_reverse_and_nothing_is_written(tmp_path):
     "name",
     [name for name in filter(TASKS.comes_with_rans, TASKS) if TASKS[name].dimensions != (2, 3)],
 )
-def test_a_task_of_one_dimension_is_listed_in_it_alone(name, capsys):
+def test_a_task_of_one_dimension_is_listed_in_it_alone(name, ran):
     task = TASKS[name]
     assert dimensions(task()) == task.dimensions
-    assert main(["list", name]) == 0
-    printed = capsys.readouterr().out
+    printed = ran(f"list {name}")
     assert ("Observation in the plane" in printed) == (2 in task.dimensions)
     assert ("Observation in space" in printed) == (3 in task.dimensions)

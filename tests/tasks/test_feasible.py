@@ -102,9 +102,7 @@ def test_units_mistaken_on_the_slow_side(slip):
     assert not warned(replace(PLATFORM, **SLOW[slip]), GoToPose(), long)
 
 
-def test_an_engine_of_a_slow_file_warns_and_a_training_of_what_cannot_turn_is_refused(
-    tmp_path,
-):
+def test_an_engine_of_a_slow_file_warns_and_a_training_of_what_cannot_turn_is_refused(tmp_path):
     text = SPACECRAFT["floating-platform"].text.replace("mass = 5.32", "mass = 5320")
     (tmp_path / "grams.toml").write_text(text)
     with (

@@ -63,12 +63,7 @@ def test_it_is_the_least_squares_of_all_there_was():
     ],
     ids=["a fourth heavier", "a fifth less inertia", "a fourth late"],
 )
-def test_what_is_not_as_designed_is_found(
-    craft,
-    conditions,
-    forces,
-    torques,
-):
+def test_what_is_not_as_designed_is_found(craft, conditions, forces, torques):
     """After 10 s of exact readings, with one nozzle in fifty open."""
     task = TASKS["go-to-pose"]()
     found_by = made(craft, task, 0.1, 25.0)

@@ -88,9 +88,7 @@ def test_what_physics_forbids_is_an_answer():
     assert "found none" not in text
 
 
-def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(
-    monkeypatch,
-):
+def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(monkeypatch):
     """At 4 times the least time of 2.4 s an optimum would arrive in the last fifth of 10 s."""
     asked = []
     monkeypatch.setattr(relaxed, "solve", lambda _, one, *__: asked.append(one.name) or [])

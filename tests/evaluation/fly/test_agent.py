@@ -91,9 +91,7 @@ def test_an_on_off_agent_for_throttles_is_refused(run_folder):
         load_policy(run_folder)
 
 
-def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(
-    run_folder,
-):
+def test_one_substep_is_what_trainings_make_do_with_and_more_were_asked_for(run_folder):
     loaded = load_policy(run_folder)
     for given, judged in ((1, None), (50, 50)):
         timing = replace(loaded.timing, substeps=given)

@@ -301,12 +301,7 @@ def own_filters(**changes: Any) -> Callable[[dict[str, Any]], object]:
         )
     ],
 )
-def test_a_table_that_somebody_changed(
-    request,
-    number,
-    change,
-    sentence,
-):
+def test_a_table_that_somebody_changed(request, number, change, sentence):
     """By turns in both forms of a file: what is refused in a table does not depend on them."""
     form = ("folder", "alone")[number % 2]
     text = spoilt(request.getfixturevalue(form), change)

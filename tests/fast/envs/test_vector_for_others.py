@@ -177,9 +177,7 @@ def test_rows_of_different_lengths_are_no_actions():
     }.items(),
     ids=lambda kind: kind[0],
 )
-def test_arrays_that_torch_does_not_take_or_warns_of(
-    kind,
-):
+def test_arrays_that_torch_does_not_take_or_warns_of(kind):
     """JAX and memory maps give read-only ones."""
     plain = np.tile(np.array([1.0, 0.0] * 4), (COUNT, 1))
     results = []

@@ -258,9 +258,7 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path):
             frugal(wrong)
 
 
-def test_a_training_as_it_comes_begins_from_it_where_it_flies(
-    monkeypatch,
-):
+def test_a_training_as_it_comes_begins_from_it_where_it_flies(monkeypatch):
     platform = load_spacecraft("floating-platform")
     for value in (0.3, 0.4):
         flown = choice.Choice(value, 0.2, 256, 255, 6.0, 17.0)
