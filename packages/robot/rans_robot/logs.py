@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.optimize import linprog
 
 from rans.extend import ConfigError, Spacecraft, counted
 from rans_robot.bag import BagMessage, bag_entries
@@ -36,12 +35,6 @@ _SET = 5 * 10**8
 """ns: difference of the lengths of a log by two clocks that is refused, if it is above that of `_RATE` too."""
 
 
-_FEWEST_STEPS = 20
-"""Commands that show whether they left at a steady rate."""
-_PUNCTUAL = 10**6
-"""ns: delay of commands that changes nothing, a hundredth of the shortest period in use."""
-
-
 @dataclass
 class _Topic:
     """Readings of one topic, in the order of the bag."""
@@ -61,7 +54,7 @@ def read_bag(
 
     Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
     the difference of the sender's clock from the bag's, as in flight (`rans_robot.validator`). Commands have
-    no time stamp: theirs are the times at which they were recorded (and `FlightLog.steady_times`).
+    no time stamp: theirs are the times at which they were recorded.
 
     Args:
         source: the bag, which may end anywhere, or the folder of ``ros2 bag record`` with its parts.
@@ -154,30 +147,7 @@ def read_bag(
         velocity[:, :2] if flat else velocity,
         spin[:, 2] if flat else spin,
         tuple(notes),
-        None if (steady := _steady(given)) is None else (steady - begin) * 1e-9,
     )
-
-
-def _steady(given: np.ndarray) -> np.ndarray | None:
-    """When commands that were recorded at times (T,), ns, left if they did at a steady rate; None if they did not.
-
-    That is the highest line of even steps that is above none of them, since no delay is negative (Moon, Skelly and
-    Towsley, Estimation and removal of clock skew, INFOCOM 1999).
-    """
-    if len(given) < _FEWEST_STEPS:
-        return None
-    steps = np.diff(given)
-    number = np.append(0, np.cumsum(np.rint(steps / np.median(steps))))
-    since = (given - given[0]) * 1e-9
-    bounds = np.column_stack([number, np.ones(len(number))])
-    line = linprog([-number.mean(), -1.0], bounds, since, bounds=(None, None)).x
-    if line is None:
-        return None
-    late = (since - bounds @ line) * 1e9
-    is_steady = (np.diff(number) >= 1.0).all() and late.max() < 0.5e9 * line[0]
-    if not is_steady or late.max() < _PUNCTUAL:
-        return None
-    return given - np.rint(late).astype(np.int64)
 
 
 def _entries(source: Path) -> Iterator[BagMessage]:

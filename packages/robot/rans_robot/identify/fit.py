@@ -36,6 +36,8 @@ UNLIKELY = 3.29
 """Standard deviations that a normal number exceeds in one of a thousand samples, in either direction."""
 _FIRST_NOISE = {"position": 0.01, "attitude": 0.01, "velocity": 0.02, "spin": 0.02}
 """Noise with which the first fit begins: of a laboratory's order of magnitude."""
+LEAST_NOISE = 1e-4
+"""m, rad, m/s and rad/s: least noise, of the size of what the grid of predictions leaves of a perfect log."""
 CHANNELS = ("position", "attitude", "velocity", "spin")
 """Measured quantities, in the order of the columns of a residual."""
 _FACTOR_PRIOR = 0.3
@@ -233,23 +235,18 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
             )
     nominal = np.array([parameter.nominal for parameter in parameters_of(craft)])
     latency = [parameter.name for parameter in parameters_of(craft)].index("latency")
-    # Commands whose departure is not known may have left at a steady rate.
-    datings = [logs]
-    if any(log.steady_times is not None for log in logs):
-        datings.append([_steady(log) for log in logs])
 
     # Fits over short windows from several latencies; the best continues, at last over the windows asked for. Over
     # long ones the data sheet's heading may be wrong by whole turns, where the cost has other minima.
     solvers = []
     short = min(first, _SHORT)
-    for dated in datings:
-        for beginning in _FIRST_LATENCIES:
-            values = nominal.copy()
-            values[latency] = beginning
-            solver = _Solver(craft, dated, short, values)
-            solver.solve(_FEW)
-            solvers.append((solver.evidence(), len(solvers), solver, dated))
-    _, _, near, logs = min(solvers)
+    for beginning in _FIRST_LATENCIES:
+        values = nominal.copy()
+        values[latency] = beginning
+        solver = _Solver(craft, logs, short, values)
+        solver.solve(_FEW)
+        solvers.append(solver)
+    near = min(solvers, key=_Solver.evidence)
     near.solve()
     if near.values[latency] <= 0.0:
         _check_order(near, craft, logs, short)
@@ -274,19 +271,6 @@ def _check_order(
             f"{logs[0].period:.4g} s, before its time: nothing is identified. The usual cause is a column of "
             "what was applied until this row: write each command in the row from which on it holds."
         )
-
-
-def _steady(log: FlightLog) -> FlightLog:
-    """The log with commands dated by a steady rate, and a note on how much later they were recorded."""
-    if log.steady_times is None:
-        return log
-    late = 1e3 * (log.command_times - log.steady_times)
-    period = np.median(np.diff(log.steady_times))
-    note = (
-        f"{log.source}: the readings are explained better if commands left every {period:.4g} s and were recorded "
-        f"up to {late.max():.3g} ms later, so they are dated so."
-    )
-    return replace(log, command_times=log.steady_times, notes=(*log.notes, note))
 
 
 def _longest(fitted: Fit) -> Fit:
@@ -563,15 +547,14 @@ class _Solver:
         for name, old in self.noise.items():
             part = self.columns[name]
             square = np.nansum(residual[..., part] ** 2) / max(np.sum(free[..., part]), 1.0)
-            self.noise[name] = max(float(np.sqrt(square)), 1e-6)
+            self.noise[name] = max(float(np.sqrt(square)), LEAST_NOISE)
             change = max(change, abs(self.noise[name] / old - 1.0))
         return change
 
     def evidence(self) -> float:
         """Minus twice the logarithm of the likelihood and the prior, up to a constant.
 
-        It compares first latencies and ways to date commands, at windows of one length: others would have other
-        starts.
+        It compares first latencies, at windows of one length: others would have other starts.
         """
         residual = self._residuals(self.path)
         total = self._cost(self.values, self.path)

@@ -82,9 +82,6 @@ class FlightLog:
     """(M,) or (M, 3), rad/s, in the body frame B."""
     notes: tuple[str, ...] = ()
     """Sentences of its reader: units, frames and clocks as it took them, and what it left out."""
-    steady_times: np.ndarray | None = None
-    """(T,), s: when commands were given if they left at a steady rate, where the log has only when they came; None:
-    `command_times` are right. The fit takes what explains the readings better."""
 
     @property
     def duration(self) -> float:
@@ -171,12 +168,7 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     _check_readings(what, parts)
     result = replace(log, **parts)
     begin = log.command_times[0]
-    return replace(
-        result,
-        command_times=log.command_times - begin,
-        times=result.times - begin,
-        steady_times=None if log.steady_times is None else log.steady_times - begin,
-    )
+    return replace(result, command_times=log.command_times - begin, times=result.times - begin)
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:

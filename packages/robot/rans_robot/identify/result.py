@@ -29,12 +29,12 @@ from rans.randomization.conditions import (
     SensorConditions,
     SensorsConditions,
 )
-from rans_robot.identify.fit import CHANNELS, Fit, channel_columns
+from rans_robot.identify.fit import CHANNELS, LEAST_NOISE, Fit, channel_columns
 
 _EXPLAINED = 0.9
 """Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
-_PERFECT = 1e-5
-"""Noise (SI) below which nothing is left to explain: ten times the least that a fit assumes."""
+_PERFECT = 2.0 * LEAST_NOISE
+"""Noise (SI) below which nothing is left to explain."""
 _LARGEST_ANGLE = 0.5
 """rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
 SPREAD = 1.96
