@@ -154,7 +154,6 @@ if TYPE_CHECKING:
     from rans.model.timing import Timing as Timing
     from rans.model.trace import Symbol as Symbol
     from rans.model.trace import ordered as ordered
-    from rans.optimal.control.arguments import craft_and_task as craft_and_task
     from rans.optimal.control.regulator import ModelBased as ModelBased
     from rans.optimal.trajectory.allocation import inertia as inertia
     from rans.optimal.trajectory.guess import rotation_vector as rotation_vector

@@ -100,7 +100,6 @@ class Circumnavigation(VelocityGuidance[Inspect]):
 
     name = "circumnavigation"
     slow: ClassVar[bool] = True
-    heeds_constraints: ClassVar[bool] = True
     mission = Inspect
     purpose = "circumnavigation flies inspections"
 

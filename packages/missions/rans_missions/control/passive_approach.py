@@ -7,7 +7,7 @@ frame.
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -121,7 +121,6 @@ class PassiveApproach(VelocityGuidance[Hold]):
     """
 
     name = "passive"
-    heeds_constraints: ClassVar[bool] = True
     mission = Hold
     purpose = "passive approach flies to hold points"
     _plans: _Plans | None = None

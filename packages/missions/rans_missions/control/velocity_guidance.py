@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from rans.extend import Spacecraft, Task, Timing, Vec3, craft_and_task, map_leaves
+from rans.extend import ModelBased, Spacecraft, Task, Timing, Vec3, map_leaves
 from rans_missions.control.tracking import Tracker
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.inspect import Inspect
@@ -18,7 +18,7 @@ from rans_missions.tasks.orbital import OrbitalMission
 Mission = TypeVar("Mission", bound=OrbitalMission | Inspect | FinalApproach)
 
 
-class VelocityGuidance(ABC, Generic[Mission]):
+class VelocityGuidance(ModelBased, ABC, Generic[Mission]):
     """Base of controllers in space that change the velocity of a craft, whose law is `velocity_change`.
 
     In every control period the law gives a change of velocity in W. It is turned into the body frame, and rounded
@@ -30,16 +30,14 @@ class VelocityGuidance(ABC, Generic[Mission]):
         timing: control period, and length of the episode; None: the task's.
 
     Raises:
-        ConfigError: the task is no such mission.
+        ConfigError: the task is no such mission, or motion changes along its orbit.
     """
 
-    name: str
+    heeds_constraints: ClassVar[bool] = True
     mission: ClassVar[Any]
     """Class of the missions that the law flies."""
     purpose: ClassVar[str]
     """Beginning of the message for other tasks, such as "circumnavigation flies inspections"."""
-    observes: ClassVar[bool] = False
-    """Whether it reads observations (`rans.flight.Controller`)."""
 
     def __init__(
         self,
@@ -47,9 +45,8 @@ class VelocityGuidance(ABC, Generic[Mission]):
         task: str | Task,
         timing: Timing | None = None,
     ) -> None:
-        self.craft, task_value = craft_and_task(craft, task)
-        self.task: Mission = self.mission.expected(task_value, self.purpose)
-        self._timing = self.task.timing if timing is None else timing
+        super().__init__(craft, task, timing)
+        self.task: Mission = self.mission.expected(self._task, self.purpose)
         self._period = self._timing.control_period
         self._tracker = Tracker(self.craft, self._period)
         self._step = 0
@@ -61,9 +58,6 @@ class VelocityGuidance(ABC, Generic[Mission]):
         forces = np.array([x.force * np.array(x.direction) for x in self.craft.thrusters])
         either_way = np.maximum(forces, 0.0).sum(axis=0), np.maximum(-forces, 0.0).sum(axis=0)
         return float(np.min(either_way)) * self._period / self.craft.mass
-
-    def __repr__(self) -> str:
-        return f"<{self.name}: {type(self.task).__name__} for {self.craft.name}>"
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""

@@ -151,7 +151,7 @@ class Orbit:
     def radius(self, time: float) -> tuple[float, float]:
         """Distance of the target, m, and its rate, m/s."""
         e = self.drift.eccentricity
-        angle = float(eccentric_anomaly(self.drift.later(time).mean_anomaly, e))
+        angle = float(eccentric_anomaly(self.drift.later(time).angle, e))
         radius = 1.0 - e * math.cos(angle)
         rate = self.drift.mean_motion * e * math.sin(angle) / radius
         return self.size * radius, self.size * rate

@@ -31,8 +31,8 @@ class EllipticOrbit(UnevenOrbit):
     eccentricity of zero it is that of `rans.model.drift.ClohessyWiltshire`.
 
     >>> from rans_missions.orbits.elliptic import EllipticOrbit
-    >>> orbit = EllipticOrbit(mean_motion=0.001027, eccentricity=0.1, mean_anomaly=0.0)
-    >>> orbit.later(1000.0).mean_anomaly
+    >>> orbit = EllipticOrbit(mean_motion=0.001027, eccentricity=0.1, angle=0.0)
+    >>> orbit.later(1000.0).angle
     1.027
 
     `rans_missions.tasks.orbital.TargetOrbit` checks its numbers.
@@ -42,20 +42,15 @@ class EllipticOrbit(UnevenOrbit):
     """Mean motion n, rad/s: the square root of mu / a^3 for a semi-major axis a."""
     eccentricity: float
     """Eccentricity e, from 0 (circle) to `MOST_ECCENTRIC`."""
-    mean_anomaly: Field
+    angle: Field  # pyrefly: ignore[bad-override]
     """Mean anomaly of the target at the start of a motion, rad: n times the time since its periapsis."""
     gravity_gradient: bool = False
     """Whether the gradient of gravity turns craft in space."""
     name: ClassVar[str] = "elliptic-orbit"
 
-    @property
-    def angle(self) -> Field:
-        """`mean_anomaly`, rad."""
-        return self.mean_anomaly
-
     def later(self, t: Field) -> EllipticOrbit:
         """The drift of a motion that begins a time t (s) later."""
-        return replace(self, mean_anomaly=self.mean_anomaly + self.mean_motion * t)
+        return replace(self, angle=self.angle + self.mean_motion * t)
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Position and velocity after a time t (s).
@@ -159,7 +154,7 @@ class EllipticOrbit(UnevenOrbit):
     def _radius(self) -> Field:
         """Distance of the target from the planet now, over the semi-major axis."""
         e = self.eccentricity
-        return 1.0 - e * cosine(eccentric_anomaly(self.mean_anomaly, e))
+        return 1.0 - e * cosine(eccentric_anomaly(self.angle, e))
 
     def _passed(self, t: Field) -> tuple[Field, Field, Field, Field]:
         """Sine and cosine of the true anomaly at the start, and of half of its change over a time t (s).
@@ -172,8 +167,8 @@ class EllipticOrbit(UnevenOrbit):
 
         # Eccentric anomaly at the start, and its change until the end: first the difference of two solutions of
         # Kepler's equation, then one step of Newton with the equation of the change itself.
-        anomaly = eccentric_anomaly(self.mean_anomaly, e)
-        end = eccentric_anomaly(self.mean_anomaly + n * t, e)
+        anomaly = eccentric_anomaly(self.angle, e)
+        end = eccentric_anomaly(self.angle + n * t, e)
         half = (end - anomaly) * 0.5
         middle = anomaly + half
         short = (2.0 * half - 2.0 * e * cosine(middle) * sine(half)) - n * t

@@ -13,13 +13,19 @@ _KEPLER_STEPS = 50
 """Steps of Newton's method for Kepler's equation; ten are enough up to an eccentricity of 0.9."""
 
 
-class EllipticFrame(DrakeFrame):
-    """An ellipse, whose rate and gravity follow from Kepler's equation at the time; angles are mean anomalies."""
+class UnevenFrame(DrakeFrame):
+    """The frame of an orbit along which motion changes."""
 
     def angle(self, drift: Any) -> Any:
-        """Mean anomalies at time 0, rad."""
-        _check_same(self.orbit, drift, "mean_anomaly")
-        return drift.mean_anomaly
+        """Where targets are at time 0, rad; a drift that differs in more is refused (`ConfigError`)."""
+        own = self.orbit
+        if type(drift) is not type(own) or own != replace(drift, angle=own.angle):
+            raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")
+        return drift.angle
+
+
+class EllipticFrame(UnevenFrame):
+    """An ellipse, whose rate and gravity follow from Kepler's equation at the time; angles are mean anomalies."""
 
     def motion(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rate (N, 3), change of rate (N, 3) and gradient (N, 3, 3) of the frame at angles (N,) and a time.
@@ -42,7 +48,7 @@ class EllipticFrame(DrakeFrame):
         return rate, change, (n * n / radius**3)[:, None, None] * SPHERE
 
 
-class PerturbedFrame(DrakeFrame):
+class PerturbedFrame(UnevenFrame):
     """The orbit around an oblate planet that is nearest to a circle; angles are arguments of latitude.
 
     The angular velocity tilts with the plane of the orbit, and the gradient has the part of J2.
@@ -54,11 +60,6 @@ class PerturbedFrame(DrakeFrame):
     def drag(self) -> float:
         """Drag of the orbit's drift, m/s^2."""
         return float(self.orbit.drag)
-
-    def angle(self, drift: Any) -> Any:
-        """Arguments of latitude at time 0, rad."""
-        _check_same(self.orbit, drift, "latitude")
-        return drift.latitude
 
     def motion(self, angles: np.ndarray, time: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Rate (N, 3), change of rate (N, 3) and gradient (N, 3, 3) of the frame at angles (N,) and a time.
@@ -87,9 +88,3 @@ class PerturbedFrame(DrakeFrame):
         oblate = oblate + (5.0 - 35.0 * z**2) * np.outer(e, e) - 2.0 * across * along
         sphere = n * n / radius[:, None, None] ** 3 * SPHERE
         return rate, change, sphere + k * n * n * oblate
-
-
-def _check_same(own: Any, drift: Any, angle: str) -> None:
-    """Refuse (`ConfigError`) a drift that differs from an orbit in more than its angle."""
-    if type(drift) is not type(own) or own != replace(drift, **{angle: getattr(own, angle)}):
-        raise ConfigError(f"the plant was built for {own!r}, got {drift!r}.")

@@ -63,7 +63,7 @@ class PerturbedOrbit(UnevenOrbit):
     """Inclination of the orbit, rad."""
     drag: float
     """Drag of the craft minus that of the target per mass, m/s^2; above 0 the craft is slowed down more."""
-    latitude: Field
+    angle: Field  # pyrefly: ignore[bad-override]
     """Argument of latitude of the target at the start of a motion, rad: its angle from the ascending node."""
     name: ClassVar[str] = "perturbed-orbit"
 
@@ -81,14 +81,9 @@ class PerturbedOrbit(UnevenOrbit):
         s, c = math.sin(self.inclination), math.cos(self.inclination)
         return self.mean_motion * (1.0 + self.oblateness * (0.5 - 0.75 * s * s + c * c))
 
-    @property
-    def angle(self) -> Field:
-        """`latitude`, rad."""
-        return self.latitude
-
     def later(self, t: Field) -> PerturbedOrbit:
         """The drift of a motion that begins a time t (s) later."""
-        return replace(self, latitude=self.latitude + self.latitude_rate * t)
+        return replace(self, angle=self.angle + self.latitude_rate * t)
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Position (m) and velocity (m/s), vectors of fields, after a time t (s).
@@ -123,7 +118,7 @@ class PerturbedOrbit(UnevenOrbit):
         """
         faster = self.mean_motion / self.latitude_rate
         a = 0.5 * self.latitude_rate * t
-        u = self.latitude + a
+        u = self.angle + a
         s = sine(u)
         c = cosine(u)
         swing = 0.5 * sine(2.0 * a)
@@ -141,7 +136,7 @@ class PerturbedOrbit(UnevenOrbit):
         """Angular velocity of W, rad/s, as in the description of the class."""
         n, k = self.mean_motion, self.oblateness
         tilt = math.sin(self.inclination) ** 2
-        s = sine(self.latitude)
+        s = sine(self.angle)
         uneven = (1.0 - 2.0 * s * s) * (n * k * tilt / 6.0)
         return Vec3(
             s * (-n * k * math.sin(2.0 * self.inclination)),
@@ -176,7 +171,7 @@ class PerturbedOrbit(UnevenOrbit):
         n = self.mean_motion
         tilt = math.sin(self.inclination) ** 2
         across = math.sin(2.0 * self.inclination)
-        u = self.latitude + self.latitude_rate * t
+        u = self.angle + self.latitude_rate * t
         s = sine(u)
         c = cosine(u)
         twice_s = s * c * (2.0 * tilt)

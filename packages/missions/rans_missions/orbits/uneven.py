@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from typing import ClassVar
 
 from rans.extend import Drift, Field
@@ -13,8 +12,5 @@ class UnevenOrbit(Drift):
 
     in_straight_lines: ClassVar[bool] = False
     steady: ClassVar[bool] = False
-
-    @property
-    @abstractmethod
-    def angle(self) -> Field:
-        """Where the target is on its orbit now, rad: a number, or an array of one for each episode."""
+    angle: Field
+    """Where the target is on its orbit at the start of a motion, rad: a number, or one for each episode."""

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from typing import Any
+
+import numpy as np
 
 from rans.extend import (
     Action,
@@ -16,12 +19,14 @@ from rans.extend import (
     Effector,
     Spacecraft,
     Timing,
+    bounds,
     brief,
     is_finite,
+    largest,
 )
-from rans_missions.slosh import checks, swinging
-from rans_missions.slosh.checks import MOST
-from rans_missions.slosh.swinging import LARGEST
+from rans.model.body import numbers
+from rans_missions.slosh import swinging
+from rans_missions.slosh.swinging import DECAY, LARGEST, MOST_STEPS, STEP
 
 _FIRST_ZERO = 1.841183781
 """First zero of the derivative of the Bessel function J1: the first lateral mode of an upright cylinder."""
@@ -31,6 +36,11 @@ SMALLEST = 1e-9
 """Least mass, kg, and length, m, as of a spacecraft."""
 IN_PLANE = 1e-9
 """Component out of the plane, m, that is accepted as rounding."""
+MOST = 1.0 - 1e-3
+"""Largest fraction of a mass or an inertia that the liquid may have."""
+_STABLE = 2.5
+"""Longest step times the rate at which friction stops the rod under conditions, whose steps are those of the
+designed craft; the method is stable up to 2.78."""
 
 
 @dataclass(frozen=True)
@@ -190,18 +200,100 @@ class Slosh(Effector):
         self.check_body(craft, Body.of(craft))
 
     def check_body(self, craft: Spacecraft, body: Body) -> None:
-        """See `rans_missions.slosh.checks.check_body`."""
-        checks.check_body(self, craft, body)
+        """Refuse bodies that leave no rigid craft around the liquid; see `Effector.check_body`."""
+        # As in the check of the spacecraft, with what each body has of mass, inertia and centre of mass.
+        mass = numbers(body.mass)
+        fraction = self.mass / craft.mass
+        offsets = body.centre or (0.0,) * craft.dimension
+        away = [
+            point - centre - numbers(offset)
+            for point, centre, offset in zip(
+                self.point(), craft.centre_of_mass, (*offsets, 0.0)[:3], strict=True
+            )
+        ]
+        adds = fraction * mass * sum(x**2 for x in away) / (1.0 - fraction)
+        tensor = np.stack(np.broadcast_arrays(*(numbers(x) for x in body.inertia)), axis=-1)
+        moment = tensor[..., 0]
+        if craft.dimension == 3:
+            moments = np.linalg.eigvalsh(tensor[..., ((0, 1, 2), (1, 3, 4), (2, 4, 5))])
+            moment = 0.5 * moments.sum(axis=-1) - moments[..., -1]
+        adds, moment = np.broadcast_arrays(adds, moment)
+        # What the liquid at rest adds must leave an inertia above 0.
+        wrong = np.atleast_1d(adds > moment * MOST)
+        if wrong.any():
+            first = np.flatnonzero(wrong)[0]
+            raise ConfigError(
+                f"the body leaves no inertia to {craft.name!r} without its sloshing liquid: at rest that adds "
+                f"{np.atleast_1d(adds)[first]:.4g} kg m^2 of {np.atleast_1d(moment)[first]:.4g} kg m^2. Give it "
+                "less mass, or more inertia."
+            )
 
     def check_conditions(self, craft: Spacecraft, conditions: Any) -> None:
-        """See `rans_missions.slosh.checks.check_conditions`."""
-        checks.check_conditions(self, craft, conditions)
+        """Refuse masses, inertias and centres of mass that leave no rigid craft around the liquid."""
+        for body in self._extreme_bodies(craft, conditions):
+            try:
+                self.check_body(craft, body)
+            except ConfigError as error:
+                raise ConfigError(f"Conditions: {error} Or narrow their ranges.") from None
+
+    def _extreme_bodies(self, craft: Spacecraft, conditions: Any) -> list[Body]:
+        """Bodies that leave least of a rigid craft, or for which friction may stop the rod fastest.
+
+        Those have the least inertia and the extremes of the masses. The centre of mass is as designed, or as far
+        as can be from the mass at rest.
+        """
+        size = craft.dimension
+        away = np.subtract(craft.centre_of_mass, self.point())[:size]
+        distance = float(np.linalg.norm(away))
+        away = away / distance if distance > 0.0 else np.eye(size)[0]
+        designed = Body.of(craft)
+        bodies = []
+        for part in (conditions, *conditions.others):
+            body = part.body
+            least = bounds(body.inertia)[0]
+            for mass, shift in product(bounds(body.mass), (0.0, largest(body.centre))):
+                bodies.append(
+                    replace(
+                        designed,
+                        mass=mass * craft.mass,
+                        inertia=tuple(least * x for x in designed.inertia),
+                        centre=tuple((shift * away).tolist()),
+                    )
+                )
+        return bodies
 
     def check_flight(
         self, craft: Spacecraft, drift: Drift, period: float, conditions: Any = None
     ) -> None:
-        """See `rans_missions.slosh.checks.check_flight`."""
-        checks.check_flight(self, craft, drift, period, conditions)
+        """Refuse orbits, which pull, and friction that is too fast for a control period, s; see `Effector`."""
+        if not drift.in_straight_lines:
+            raise ConfigError(
+                f"spacecraft {craft.name!r} has [slosh], which is computed in free flight and uniform gravity "
+                f"only, and the task's drift is {drift.name}: take [slosh] out of its file for missions on an "
+                "orbit."
+            )
+        pace, decay = swinging.paces(self, craft)
+        if period * decay / DECAY > MOST_STEPS:
+            limit = self.damping * MOST_STEPS * DECAY / (period * decay)
+            raise ConfigError(
+                f"spacecraft {craft.name!r}: slosh damping must be at most {limit:.3g} N m s at a control period "
+                f"of {period:g} s, got {self.damping:g}: the rod would stop within {1 / decay:.2g} s. The usual "
+                "cause is a damping ratio in its place."
+            )
+        # The longest steps that pieces of a period may have: those of the designed craft.
+        step = min(period, STEP / pace, DECAY / decay if decay > 0.0 else math.inf)
+        step = max(step, period / MOST_STEPS)
+        # The steps are those of the designed craft; conditions may need shorter ones.
+        bodies = []
+        if conditions is not None:
+            bodies = self._extreme_bodies(craft, conditions)
+        fastest = max((swinging.paces(self, craft, body)[1] for body in bodies), default=0.0)
+        if step * fastest > _STABLE:
+            raise ConfigError(
+                f"Conditions of body.mass, body.inertia and body.centre stop the rod of {craft.name!r} within "
+                f"{1 / fastest:.2g} s, too fast for steps of {step:.2g} s: narrow the ranges, or lower the damping "
+                "in the spacecraft's file."
+            )
 
     def inaccuracy(self, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
         """See `rans_missions.slosh.swinging.inaccuracy`."""

@@ -46,7 +46,7 @@ class OnAnEllipse(GoToPosition):
         return EllipticOrbit(0.1, 0.5, 0.0)
 
     def drift_at(self, goal: Any) -> Any:
-        return replace(self.drift, mean_anomaly=goal.notes.angle)
+        return replace(self.drift, angle=goal.notes.angle)
 
     def sample(self, random: Any) -> tuple[Any, Any]:
         start, goal = super().sample(random)
@@ -63,9 +63,6 @@ class AroundAnOblatePlanet(OnAnEllipse):
     @property
     def drift(self) -> Any:
         return PerturbedOrbit(0.1, 0.02, 0.9, 1e-3, 0.0)
-
-    def drift_at(self, goal: Any) -> Any:
-        return replace(self.drift, latitude=goal.notes.angle)
 
 
 @pytest.mark.slow

@@ -39,10 +39,7 @@ def test_unsteady_orbits_and_faulty_craft_that_are_pushed_fly_alike(
     """Both craft are at other places of an orbit that lasts a minute; pulses and substeps divide its periods."""
     built = world(dimension, "orbit", ACTUATORS[kind])
     places = np.array([0.3, 2.0])
-    if isinstance(own, EllipticOrbit):
-        drift: Any = replace(own, mean_anomaly=places)
-    else:
-        drift = replace(own, latitude=places)
+    drift: Any = replace(own, angle=places)
     push: Any = (
         Wrench(Vec2(0.02, -0.03), 0.004)
         if dimension == 2

@@ -1,4 +1,4 @@
-"""Sloshing liquid as a pendulum: against Drake, by what a free pair conserves, and in every engine."""
+"""Sloshing liquid as a pendulum: moments against Drake, what is refused, and a published table."""
 
 from __future__ import annotations
 

@@ -55,6 +55,11 @@ def agrees(flight: Flight) -> None:
     assert apart["attitude"].max() < BOUND
     # The liquid did swing.
     assert rod_rate(slosh_of(flight.craft), flight.craft, flight.states).max() > 2.0
+    if flight.craft.dimension == 3:
+        # The rod has the length 1 and turns only.
+        rod, slip = np.array(flight.states.stores[:3]), np.array(flight.states.stores[3:])
+        np.testing.assert_allclose((rod * rod).sum(axis=0), 1.0, rtol=1e-14)
+        np.testing.assert_allclose((rod * slip).sum(axis=0), 0.0, atol=1e-14)
 
 
 @pytest.mark.parametrize("name", ["page", "page in space"])

@@ -41,7 +41,7 @@ def test_goals_know_where_the_target_is(kind: Any) -> None:
         Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
     )
     goal: Any = replace(rest, notes=task.goal_notes(600.0, 600.0, 0.0, 1.5))
-    assert task.drift_at(goal).latitude == 1.5
+    assert task.drift_at(goal).angle == 1.5
     later = task.later(goal, 100.0)
     # The rate is that of the mean motion, and oblateness changes it by less than two thousandths of it.
     assert later.notes.angle - 1.5 == pytest.approx(100.0 * task.mean_motion, rel=2e-3)
