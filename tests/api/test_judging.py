@@ -11,8 +11,8 @@ import torch
 from stable_baselines3 import A2C
 
 import rans
+from rans import ConfigError
 from rans.cli import main
-from rans.errors import ConfigError
 
 
 def shut(observation: np.ndarray) -> np.ndarray:
@@ -36,7 +36,7 @@ def model() -> A2C:
 
 
 @pytest.mark.slow
-def test_objects_fly_in_every_function(model: A2C) -> None:
+def test_objects_fly_in_every_function(model):
     for policy in (model, shut, Aft()):
         agent = rans.load_agent(policy, "go-to-pose")
         assert agent.evaluate(episodes=4)["solved"].value == 0.0
@@ -47,7 +47,7 @@ def test_objects_fly_in_every_function(model: A2C) -> None:
     assert [entry.name for entry in compared.entries] == ["go-to-pose-2d", "A2C", "shut"]
 
 
-def test_an_object_is_asked_what_it_answers(model: A2C) -> None:
+def test_an_object_is_asked_what_it_answers(model):
     flight = rans.load_agent(model, "go-to-pose").fly(2)
     again = np.array(
         [model.predict(observed, deterministic=True)[0] for observed in observations(flight)]
@@ -69,13 +69,13 @@ def observations(flight: Any) -> list[np.ndarray]:
 
 
 @pytest.mark.slow
-def test_an_object_flies_in_other_processes_and_in_drake() -> None:
+def test_an_object_flies_in_other_processes_and_in_drake():
     agent = rans.load_agent(lambda seen: seen[:, :8] * 0, "go-to-pose")
     flight = agent.fly(70, engine="drake")  # two processes of 64 episodes and fewer
     assert not flight.commands.any()
 
 
-def test_the_failure_of_an_assured_function_is_bounded_as_of_an_agent() -> None:
+def test_the_failure_of_an_assured_function_is_bounded_as_of_an_agent():
     found = rans.assure(rans.load_agent(shut, "go-to-pose"), episodes=50, worst=0)
     assert (found.campaign.flights, found.campaign.failures) == (50, 50)
     assert found.campaign.bound().low > 0.9
@@ -88,18 +88,18 @@ def test_the_failure_of_an_assured_function_is_bounded_as_of_an_agent() -> None:
         (3, "an agent is its name, .*, a policy or"),
     ],
 )
-def test_objects_without_a_task(given: object, said: str) -> None:
+def test_objects_without_a_task(given, said):
     with pytest.raises(ConfigError, match=said):
         rans.load_agent(given)
 
 
-def test_a_model_for_another_craft(model: A2C) -> None:
+def test_a_model_for_another_craft(model):
     with pytest.raises(ConfigError, match=r"the A2C observes \(10,\), but free-flyer has"):
         rans.load_agent(model, "go-to-pose", "free-flyer")
 
 
-def test_a_failing_function_is_named_with_its_line() -> None:
-    def fails(observation: np.ndarray) -> np.ndarray:
+def test_a_failing_function_is_named_with_its_line():
+    def fails(observation):
         raise ValueError("no thrust today")
 
     with pytest.raises(
@@ -110,7 +110,7 @@ def test_a_failing_function_is_named_with_its_line() -> None:
 
 
 @pytest.fixture(scope="module")
-def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def file(model, tmp_path_factory) -> Path:
     saved = tmp_path_factory.mktemp("sb3") / "policy.zip"
     model.save(saved)
     return saved
@@ -135,9 +135,7 @@ def file(model: A2C, tmp_path_factory: pytest.TempPathFactory) -> Path:
     ids=lambda command: " ".join(command[:2]),
 )
 @pytest.mark.usefixtures("here")
-def test_a_file_of_stable_baselines_flies_in_every_command(
-    command: list[str], file: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_file_of_stable_baselines_flies_in_every_command(command, file, monkeypatch):
     monkeypatch.setenv("RANS_TRUST", "")
     assert main([word.format(f"sb3:{file}") for word in command]) == 0
     assert main([word.format(f"sb3:{file}") for word in command if word != "--trust"]) == 2

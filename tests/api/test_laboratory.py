@@ -13,7 +13,7 @@ ROOT = Path(__file__).parents[2]
 
 
 @pytest.mark.slow
-def test_a_users_own_validation_is_not_run(tmp_path: Path) -> None:
+def test_a_users_own_validation_is_not_run(tmp_path):
     (tmp_path / "validation.py").write_text("raise SystemExit('the wrong one')")
     done = subprocess.run(
         [sys.executable, "-m", "rans", "validate", "--quick", "--layer", "thrusters"],

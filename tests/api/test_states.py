@@ -7,17 +7,15 @@ import math
 import numpy as np
 import pytest
 
+from rans import ConfigError, GoToPose, state
 from rans.api.judging import own_endpoints
-from rans.api.limits import state
 from rans.api.states import read_state, read_zones
-from rans.errors import ConfigError
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 
 
-def test_a_pose_in_the_plane_with_each_unit() -> None:
+def test_a_pose_in_the_plane_with_each_unit():
     degrees, radians, bare = (
         read_state(["-3", "1.5", angle], 2, "--start").pose
         for angle in ("-90deg", f"{-math.pi / 2}rad", "-90")
@@ -26,24 +24,24 @@ def test_a_pose_in_the_plane_with_each_unit() -> None:
     assert radians == pytest.approx(degrees, abs=1e-12)
 
 
-def test_a_pose_in_space_may_leave_out_its_attitude() -> None:
+def test_a_pose_in_space_may_leave_out_its_attitude():
     assert read_state(["1", "2", "3"], 3, "--goal").pose == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
     turned = read_state(["1", "2", "3", "0", "0", "40deg"], 3, "--goal").pose
     assert turned == (1.0, 2.0, 3.0, 0.0, 0.0, 40.0)
 
 
-def test_quotation_marks_and_commas_change_nothing() -> None:
+def test_quotation_marks_and_commas_change_nothing():
     for words in (["3 1 40deg"], ["3,1,40deg"], ["3,", "1", "40deg"]):
         assert read_state(words, 2, "--start").pose == (3.0, 1.0, 40.0)
 
 
-def test_velocities_follow_by_name() -> None:
+def test_velocities_follow_by_name():
     state = read_state(["3", "1", "40deg", "v.x=0.1", "w=-0.2"], 2, "--start")
     assert state == ((3.0, 1.0, 40.0), {"v.x": 0.1, "w": -0.2})
     assert read_state(["w.z=0.1"], 3, "--goal") == ((), {"w.z": 0.1})
 
 
-def test_zones_are_words_with_commas() -> None:
+def test_zones_are_words_with_commas():
     assert read_zones(["-1.5,0,0.4", "", "2,1,0.3"], 2, "--zones") == [
         (-1.5, 0.0, 0.4),
         (2.0, 1.0, 0.3),
@@ -54,7 +52,7 @@ def test_zones_are_words_with_commas() -> None:
         read_zones(["1,2,3"], 3, "--zones")
 
 
-def test_words_and_states_are_the_same_start_and_goal() -> None:
+def test_words_and_states_are_the_same_start_and_goal():
     """With a start alone the goal of words is the origin, at rest."""
     sampled = scenarios(GoToPose(), load_spacecraft("floating-platform"), 7, 2)
     words = own_endpoints(("3", "1", "40deg", "v.x=0.1"), (), ())

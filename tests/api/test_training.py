@@ -4,20 +4,19 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
 
 import pytest
 
 import rans
+from rans import ConfigError
 from rans.api.training import config_of
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.config import to_table
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
-def test_settings_by_keyword(tmp_path: Path) -> None:
+def test_settings_by_keyword(tmp_path):
     """Entries of the network's training and of the task, by their own names."""
     agent = rans.train(
         "go-to-pose",
@@ -35,7 +34,7 @@ def test_settings_by_keyword(tmp_path: Path) -> None:
     assert (config.ppo.n_envs, config.ppo.layers) == (4, (8,))
 
 
-def test_a_training_of_another_run_is_its_config(tmp_path: Path) -> None:
+def test_a_training_of_another_run_is_its_config(tmp_path):
     """With what is given in the place of what it has; a spacecraft that has changed since is refused."""
     config = config_of("go-to-pose", "floating-platform", "cpu", changes={"gamma": 0.9}, seed=3)
     file = tmp_path / "config.json"
@@ -49,7 +48,7 @@ def test_a_training_of_another_run_is_its_config(tmp_path: Path) -> None:
         config_of(str(file))
 
 
-def test_a_controller_is_tuned_at_the_rate_at_which_it_flies_a_file(tmp_path: Path) -> None:
+def test_a_controller_is_tuned_at_the_rate_at_which_it_flies_a_file(tmp_path):
     """Quick to turn, this craft flies at 10 Hz; settings that were tuned at 5 Hz were never used."""
     own = tmp_path / "mine.toml"
     own.write_text(to_toml(load_spacecraft("floating-platform")))

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError
 
 
 @pytest.mark.slow
-def test_certified_commands_fly_into_the_goal_set() -> None:
+def test_certified_commands_fly_into_the_goal_set():
     """In both engines, as long as the time that the bound proves least; what they need is what was found."""
     found = rans.certify("go-to-pose", start=3, control_period=0.5)
     assert found.t[-1] == found.upper == 5.5
@@ -24,7 +24,7 @@ def test_certified_commands_fly_into_the_goal_set() -> None:
     assert np.abs(apart.x).max() < 1e-9
 
 
-def test_a_bound_without_commands_says_so() -> None:
+def test_a_bound_without_commands_says_so():
     """At the goal none are needed."""
     found = rans.certify(start=rans.state((0.0, 0.0)), goal=rans.state((0.0, 0.0)))
     assert found.lower == 0.0

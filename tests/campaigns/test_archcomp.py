@@ -15,7 +15,7 @@ pytest.importorskip("flint")
 HERE = ROOT / "packages/proof/archcomp"
 
 
-def test_prover_and_checker_read_every_problem() -> None:
+def test_prover_and_checker_read_every_problem():
     from rans_proof.check_problem import problem_table, statement
 
     others = (ROOT / f"examples/proofs/{name}.toml" for name in ("attitude", "docking"))
@@ -26,7 +26,7 @@ def test_prover_and_checker_read_every_problem() -> None:
         ) or (problem.keep is None)
 
 
-def test_balancing_is_one_problem_in_two_parts() -> None:
+def test_balancing_is_one_problem_in_two_parts():
     """Flights of the first part end among the starts of the second one, and 8 and 10 s are what is asked."""
     early, late = (read_problem(HERE / f"balancing-{part}.toml") for part in ("early", "late"))
     assert early.end is not None
@@ -39,7 +39,7 @@ def test_balancing_is_one_problem_in_two_parts() -> None:
     assert np.array_equal(early.rates([*x], [u[0]]), late.rates([*x], [u[0]]))
 
 
-def test_half_planes_of_navigation_are_outside_of_its_square() -> None:
+def test_half_planes_of_navigation_are_outside_of_its_square():
     """Both files say the same of a state: whether it is outside of [1, 2] x [1, 2]."""
     states = np.random.default_rng(0).uniform(0.0, 3.0, (20_000, 4))
     is_outside = ((states[:, :2] < 1.0) | (states[:, :2] > 2.0)).any(axis=1)

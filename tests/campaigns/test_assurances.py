@@ -7,7 +7,7 @@ from campaigns.assurances import _campaigns
 from rans.verdict import Failure
 
 
-def test_who_is_flown_in_what() -> None:
+def test_who_is_flown_in_what():
     robust = "pretrained:go-to-pose-2d-robust"
     found = list(_campaigns(("go-to-pose-2d-robust", "multi-task-2d")))
     assert found[:2] == [(robust, "perfect"), (robust, "lab")]
@@ -15,5 +15,5 @@ def test_who_is_flown_in_what() -> None:
     assert len(found) == 2 + 5
 
 
-def test_every_failure_has_a_word() -> None:
+def test_every_failure_has_a_word():
     assert assurances._SHORT.keys() == set(Failure)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from campaigns.command import ended
-from rans.errors import ConfigError
+from rans import ConfigError
 
 
 def mistake() -> int:
@@ -15,12 +15,12 @@ def interrupt() -> int:
 
 
 @pytest.mark.parametrize("code", [0, 1])
-def test_a_commands_own_code(code: int, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_commands_own_code(code, capsys):
     assert ended("study", lambda: code) == code
     assert capsys.readouterr() == ("", "")
 
 
-def test_a_users_mistake_is_one_legible_sentence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_users_mistake_is_one_legible_sentence(capsys):
     assert ended("study", mistake) == 2
     said = capsys.readouterr().err
     assert said.startswith("study: starts must be >= 1,")
@@ -28,6 +28,6 @@ def test_a_users_mistake_is_one_legible_sentence(capsys: pytest.CaptureFixture[s
     assert "\x1b" not in said
 
 
-def test_an_interrupt_shows_no_traceback(capsys: pytest.CaptureFixture[str]) -> None:
+def test_an_interrupt_shows_no_traceback(capsys):
     assert ended("study", interrupt) == 130
     assert capsys.readouterr().err == ""

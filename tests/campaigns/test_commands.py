@@ -43,7 +43,7 @@ def is_there(name: str) -> bool:
     )
 
 
-def test_commands_start_what_is_there() -> None:
+def test_commands_start_what_is_there():
     missing = [
         (str(file.relative_to(ROOT)), name)
         for file in texts()
@@ -53,7 +53,7 @@ def test_commands_start_what_is_there() -> None:
     assert not missing
 
 
-def test_convex_guidance_has_flown_as_many_starts_as_its_row_asks() -> None:
+def test_convex_guidance_has_flown_as_many_starts_as_its_row_asks():
     """A mission whose row says for how many starts it plans is planned by the latest deadline."""
     asked = {
         one.evidence[0]: int(one.given[one.given.index("--planned") + 1])
@@ -66,7 +66,7 @@ def test_convex_guidance_has_flown_as_many_starts_as_its_row_asks() -> None:
         assert max(row["starts"] for row in rows if row["who"] == "convex guidance") == count
 
 
-def test_commands_are_seen() -> None:
+def test_commands_are_seen():
     """In a line, over its end, as a row of the table, as a module of a class, and as a file."""
     text = """`python -m campaigns.assurances RUN`, `python -m
     campaigns.pictures`, `python -m campaigns dock-on-ellipses --docs docs`,

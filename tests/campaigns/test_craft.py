@@ -11,7 +11,7 @@ from rans.randomization.conditions_file import load_conditions
 from rans.scenario import EVALUATION_SEED, scenarios
 
 
-def test_the_luckiest_craft_is_lighter_and_stronger_than_any_that_is_drawn() -> None:
+def test_the_luckiest_craft_is_lighter_and_stronger_than_any_that_is_drawn():
     craft = load_spacecraft("astrobee-iss")
     found = luckiest(craft, load_conditions("astrobee"))
     assert found.mass == 0.9 * craft.mass
@@ -19,7 +19,7 @@ def test_the_luckiest_craft_is_lighter_and_stronger_than_any_that_is_drawn() -> 
     assert np.isclose(found.thrusters[0].force, 0.268 * 1.1 * 1.25)
 
 
-def test_no_flight_settles_before_its_bound() -> None:
+def test_no_flight_settles_before_its_bound():
     name = "astrobee-granite"
     run = flown(name)
     task = run.task.for_evaluation()

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from campaigns.batch import flown, loaded
 from campaigns.faults import bounds, rows
+from rans import Conditions, FaultConditions
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import Conditions, FaultConditions
 
 AGENT = "pretrained:go-to-pose-2d"
 PAIRS = FaultConditions(2.0, ("dead", "stuck-open"), time=0.0, among="recoverable")
 
 
-def test_what_is_lost_stays_where_it_was_lost() -> None:
+def test_what_is_lost_stays_where_it_was_lost():
     """Two thrusters stuck open that cannot be balanced push 1 to 2 N: 8 m are soon gone."""
     network, setup = loaded(AGENT, "cpu")
     unheld = Conditions(faults=FaultConditions(2.0, ("stuck-open",), among="unrecoverable"))
@@ -23,7 +23,7 @@ def test_what_is_lost_stays_where_it_was_lost() -> None:
     assert not found.held[found.lost].any()
 
 
-def test_rows_are_every_class_that_the_craft_has() -> None:
+def test_rows_are_every_class_that_the_craft_has():
     found = list(rows(load_spacecraft("floating-platform"), 25.0))
     assert [row.name for row in found if "," not in row.name] == ["none"]
     at_once = [row.name for row in found if row.at_start]
@@ -40,7 +40,7 @@ def test_rows_are_every_class_that_the_craft_has() -> None:
     assert {row.faults.time for row in found} == {0.0, (0.0, 15.0), (0.0, 25.0)}
 
 
-def test_bounds_are_below_what_settles_and_rise_with_what_is_lost() -> None:
+def test_bounds_are_below_what_settles_and_rise_with_what_is_lost():
     network, setup = loaded(AGENT, "cpu")
     found = flown(network, setup, Conditions(faults=PAIRS), 32, 7, "cpu")
     least = bounds(setup, PAIRS, 32, 7)

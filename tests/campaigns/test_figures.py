@@ -22,7 +22,7 @@ def figures(name: str) -> Any:
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_table_is_what_its_file_says(name: str) -> None:
+def test_a_table_is_what_its_file_says(name):
     """`python -m campaigns.figures` writes them."""
     found = table(DOCS, name)
     assert found.rows
@@ -30,7 +30,7 @@ def test_a_table_is_what_its_file_says(name: str) -> None:
 
 
 @pytest.mark.slow
-def test_every_marked_table_is_compared() -> None:
+def test_every_marked_table_is_compared():
     pages = [ROOT / "README.md", *DOCS.rglob("*.md"), *ROOT.glob("packages/*/docs/*.md")]
     marks = [
         mark
@@ -71,13 +71,13 @@ def worst(row: str, what: str) -> list[float]:
     )
 
 
-def test_sentences_say_what_their_files_say() -> None:
+def test_sentences_say_what_their_files_say():
     for page, sentence in sentences():
         text = " ".join((DOCS / f"{page}.md").read_text("utf-8").split())
         assert sentence in text, f"docs/{page}.md should say: {sentence}"
 
 
-def test_a_check_that_allows_nothing_has_a_share_of_its_tolerance(tmp_path: Path) -> None:
+def test_a_check_that_allows_nothing_has_a_share_of_its_tolerance(tmp_path):
     """As many checks of a validation allow nothing: 0 of 0 is kept, and more is beyond every tolerance."""
     (tmp_path / "validation").mkdir()
     about = {"unit": "-", "reason": "", "worst": "", "layer": "onsets", "passed": True}

@@ -14,7 +14,7 @@ def numbered(_: None, row: str, first: int, count: int, shift: int) -> np.ndarra
 
 
 @given(st.lists(st.integers(1, 9), min_size=1, max_size=4), st.integers(1, 30))
-def test_every_start_of_every_row_comes_once_and_in_order(sizes: list[int], count: int) -> None:
+def test_every_start_of_every_row_comes_once_and_in_order(sizes, count):
     together = {f"row {k}": size for k, size in enumerate(sizes)}
     found = list(in_parts(numbered, together, count, 1, 100))
     assert [row for row, _ in found] == list(together)

@@ -23,18 +23,18 @@ def _check(one: Published) -> None:
 
 
 @pytest.mark.parametrize("name", [name for name in PROBLEMS if name not in SLOW])
-def test_a_published_optimum_is_reached(name: str) -> None:
+def test_a_published_optimum_is_reached(name):
     _check(PROBLEMS[name])
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", SLOW)
-def test_a_published_optimum_is_reached_slowly(name: str) -> None:
+def test_a_published_optimum_is_reached_slowly(name):
     _check(PROBLEMS[name])
 
 
 @pytest.mark.slow
-def test_the_eigenaxis_is_a_stationary_point_that_one_guess_does_not_leave() -> None:
+def test_the_eigenaxis_is_a_stationary_point_that_one_guess_does_not_leave():
     """2 sqrt(pi J / tau), 9.3 % too long: with further guesses the output says that there are two optima."""
     turn = PROBLEMS["turn of 180 degrees, equal moments of inertia"]
     cost, path = turn.solved(1)
@@ -44,7 +44,7 @@ def test_the_eigenaxis_is_a_stationary_point_that_one_guess_does_not_leave() -> 
     assert (path.agreeing, path.attempts, path.optima) == (3, 4, 2)
 
 
-def test_the_ascent_takes_as_long_as_the_literature_says() -> None:
+def test_the_ascent_takes_as_long_as_the_literature_says():
     time, way = ascent()
     # Published: 272.7 s.
     assert time * 5444.0 / 20.8 == pytest.approx(272.7, abs=0.05)

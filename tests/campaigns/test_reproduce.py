@@ -18,7 +18,7 @@ ROOT = Path(__file__).parents[2]
 HUNDRED = 100.0, 100.0
 
 
-def test_every_table_and_file_has_a_source_and_the_page_is_made_from_them() -> None:
+def test_every_table_and_file_has_a_source_and_the_page_is_made_from_them():
     """`python -m campaigns.provenance` writes it."""
     assert not unlisted(ROOT / "docs")
     assert page() == (ROOT / "docs" / "provenance.md").read_text("utf-8")
@@ -40,7 +40,7 @@ def test_every_table_and_file_has_a_source_and_the_page_is_made_from_them() -> N
         ("40.0", "never", False),
     ],
 )
-def test_shares_agree_within_three_deviations(published: str, found: str, agrees: bool) -> None:
+def test_shares_agree_within_three_deviations(published, found, agrees):
     assert agree(published, found, True, HUNDRED, 0.0) is agrees
 
 
@@ -66,7 +66,7 @@ def test_shares_agree_within_three_deviations(published: str, found: str, agrees
         ("-", "1.0", False),
     ],
 )
-def test_numbers_agree_within_a_tolerance(published: str, found: str, agrees: bool) -> None:
+def test_numbers_agree_within_a_tolerance(published, found, agrees):
     assert agree(published, found, False, (0.0, 0.0), 0.05) is agrees
 
 
@@ -77,7 +77,7 @@ def table(*rows: tuple[str, ...]) -> Table:
     return Table("x.md", "x", ("who", "starts", "won, %", "impulse", "worst"), rows, "")
 
 
-def test_a_table_is_compared_cell_by_cell() -> None:
+def test_a_table_is_compared_cell_by_cell():
     before = table(("lqr", "1,024", "90.0", "2.00", "3"), ("mpc", "64", "50.0", "1.00", "2"))
     now = table(("lqr", "1,024", "80.0", "2.01", "9"), ("mpc", "64", "60.0", "1.00", "2"))
     found = [one for one, _ in compared(before, now, SOURCE, False, False) if one is not None]
@@ -92,17 +92,17 @@ def test_a_table_is_compared_cell_by_cell() -> None:
     assert sum(count for _, count in compared(before, now, SOURCE, False, False)) == 8
 
 
-def test_rows_that_a_quick_run_leaves_out_do_not_differ() -> None:
+def test_rows_that_a_quick_run_leaves_out_do_not_differ():
     """Only where the list says that it leaves some out, and only in a quick run."""
     before = table(("lqr", "64", "90.0", "2.00", "3"), ("mpc", "64", "50.0", "1.00", "2"))
-    now: Table = table(before.rows[1])  # type: ignore[arg-type]
+    now = table(before.rows[1])  # type: ignore[arg-type]
     partial = replace(SOURCE, fewer_rows=True)
     assert [one for one, _ in compared(before, now, partial, True, False) if one] == []
     assert any(one for one, _ in compared(before, now, partial, False, False))
     assert any(one for one, _ in compared(before, now, SOURCE, True, False))
 
 
-def test_rows_are_paired_by_what_they_are_about_and_not_by_what_was_measured() -> None:
+def test_rows_are_paired_by_what_they_are_about_and_not_by_what_was_measured():
     """A row of fewer starts has another mean, with its unit."""
     headings = "who", "starts", "time", "impulse", "worst"
     before = Table("x.md", "x", headings, (("lqr", "2", "12.4 s", "2.00", "3"),) * 2, "")
@@ -114,7 +114,7 @@ def test_rows_are_paired_by_what_they_are_about_and_not_by_what_was_measured() -
     )
 
 
-def test_rows_in_another_order_are_compared_with_themselves() -> None:
+def test_rows_in_another_order_are_compared_with_themselves():
     """Rows of what errors cost stand by their cost."""
     before = table(("mass", "64", "90.0", "2.00", "3"), ("delay", "64", "50.0", "1.99", "2"))
     now = table(("delay", "64", "50.0", "1.99", "2"), ("mass", "64", "90.0", "2.00", "3"))
@@ -124,7 +124,7 @@ def test_rows_in_another_order_are_compared_with_themselves() -> None:
     assert any(one for one, _ in compared(before, twice, SOURCE, True, False))
 
 
-def test_a_row_without_any_cell_is_a_failure(tmp_path: Path) -> None:
+def test_a_row_without_any_cell_is_a_failure(tmp_path):
     """The command leaves an empty table of evidence."""
     (tmp_path / "empty.py").write_text(
         "import json\nfrom pathlib import Path\n"
@@ -142,7 +142,7 @@ def test_a_row_without_any_cell_is_a_failure(tmp_path: Path) -> None:
     assert result.failed.startswith("nothing was measured")
 
 
-def test_a_row_is_flown_in_a_copy_and_a_changed_figure_is_reported(tmp_path: Path) -> None:
+def test_a_row_is_flown_in_a_copy_and_a_changed_figure_is_reported(tmp_path):
     """The command here changes two shares of the evidence: by as much as fewer flights may, and by far more."""
     name = "dock-errors.json"
     command = f"""import json
@@ -161,13 +161,13 @@ json.dump(evidence, open("docs/validation/{name}", "w"))"""
     assert "| revision |" in text
 
 
-def test_a_command_that_writes_nothing_is_a_failure(tmp_path: Path) -> None:
+def test_a_command_that_writes_nothing_is_a_failure(tmp_path):
     source = replace(ROWS["dock with errors"], commands=("python -c pass",))
     result = reproduced("dock with errors", source, False, tmp_path)
     assert result.failed.startswith("no evidence of dock with errors")
 
 
-def test_evidence_without_versions_is_compared(tmp_path: Path) -> None:
+def test_evidence_without_versions_is_compared(tmp_path):
     """The command copies what stands, without the versions that made it."""
     file = ROOT / "docs" / "validation" / "judges.json"
     (tmp_path / "copy.py").write_text(
@@ -180,10 +180,8 @@ def test_evidence_without_versions_is_compared(tmp_path: Path) -> None:
     assert not result.same_machine
 
 
-def test_a_fault_of_one_row_is_not_the_end_of_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def faulty(name: str, *_: object) -> reproduce.Result:
+def test_a_fault_of_one_row_is_not_the_end_of_the_others(tmp_path, monkeypatch):
+    def faulty(name, *_):
         if name == "safe states":
             raise ZeroDivisionError("float division by zero")
         return reproduce.Result(name, cells=3)

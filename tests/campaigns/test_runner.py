@@ -15,7 +15,7 @@ import pytest
 from campaigns import runner
 from campaigns.runner import Campaign, Shown, cell, command, found, merged
 from campaigns.table import CAMPAIGNS, read_campaigns
-from rans.errors import ConfigError
+from rans import ConfigError
 
 PAGE = "<!-- table: squares -->\n<!-- end of table -->\n"
 SQUARES = Campaign(
@@ -44,7 +44,7 @@ class Squares:
 
 
 @pytest.fixture
-def docs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def docs(tmp_path, monkeypatch) -> Path:
     monkeypatch.setattr(runner, "found", lambda name: Squares)
     (tmp_path / "validation").mkdir()
     (tmp_path / "page.md").write_text(PAGE)
@@ -55,7 +55,7 @@ def measure(docs: Path, *arguments: str) -> int:
     return command("squares", SQUARES, [*arguments, "--docs", str(docs)])
 
 
-def test_a_campaign_writes_its_evidence_and_its_table(docs: Path) -> None:
+def test_a_campaign_writes_its_evidence_and_its_table(docs):
     assert measure(docs) == 0
     evidence = json.loads((docs / "validation" / "squares.json").read_text("utf-8"))
     assert evidence["count"] == 2
@@ -66,7 +66,7 @@ def test_a_campaign_writes_its_evidence_and_its_table(docs: Path) -> None:
     assert (docs / "page.md").read_text("utf-8") == mark + table + below + end
 
 
-def test_rows_that_are_not_measured_stay_where_they_are(docs: Path) -> None:
+def test_rows_that_are_not_measured_stay_where_they_are(docs):
     """And those that are new come last."""
     measure(docs)
     assert measure(docs, "--only", "4", "0") == 1
@@ -74,10 +74,8 @@ def test_rows_that_are_not_measured_stay_where_they_are(docs: Path) -> None:
     assert [row["x"] for row in rows] == [0, 1, 4]
 
 
-def test_an_interrupted_campaign_leaves_the_rows_until_then(
-    docs: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def two_and_an_interrupt(_: Squares) -> Iterator[dict[str, Any]]:
+def test_an_interrupted_campaign_leaves_the_rows_until_then(docs, monkeypatch):
+    def two_and_an_interrupt(_):
         yield {"x": 0, "square": 0}
         yield {"x": 1, "square": 1}
         raise KeyboardInterrupt
@@ -88,7 +86,7 @@ def test_an_interrupted_campaign_leaves_the_rows_until_then(
     assert len(json.loads((docs / "validation" / "squares.json").read_text("utf-8"))["rows"]) == 2
 
 
-def test_a_new_row_replaces_the_one_with_its_labels() -> None:
+def test_a_new_row_replaces_the_one_with_its_labels():
     before = [{"who": "a", "size": 1, "won": 0}, {"who": "a", "size": 2, "won": 0}]
     new = [{"who": "a", "size": 2, "won": 9}]
     assert [row["won"] for row in merged(before, new, ("who", "size"))] == [0, 9]
@@ -107,13 +105,13 @@ def test_a_new_row_replaces_the_one_with_its_labels() -> None:
         ("{pair[1]:.2f}", "2.00"),
     ],
 )
-def test_cells(text: str, expected: str) -> None:
+def test_cells(text, expected):
     """Worked out by hand; JSON has infinite numbers as text."""
     row = {"won": 0.1234, "spent": 12345.6, "count": 1024, "name": "lqr", "pair": [1.0, 2.0]}
     assert cell(text, {**row, "missing": None, "never": "inf", "late": math.nan}) == expected
 
 
-def test_every_campaign_has_what_measures_it() -> None:
+def test_every_campaign_has_what_measures_it():
     """A dataclass whose fields have defaults but those that the table gives."""
     for name, campaign in CAMPAIGNS.items():
         assert bool(campaign.measure) != bool(campaign.commands) or campaign.given, name
@@ -125,7 +123,7 @@ def test_every_campaign_has_what_measures_it() -> None:
 
 
 @pytest.mark.parametrize("fault", ["tabels = {}", 'flights = "many"', "tolerance = [0.1]"])
-def test_a_row_with_something_else_is_a_sentence(fault: str, tmp_path: Path) -> None:
+def test_a_row_with_something_else_is_a_sentence(fault, tmp_path):
     file = tmp_path / "table.toml"
     file.write_text(f'[columns]\n[mine]\npage = "page.md"\n{fault}\n')
     with pytest.raises(ConfigError, match=r"mine of table\.toml"):

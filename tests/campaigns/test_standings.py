@@ -21,7 +21,7 @@ def _ratio(row: Sequence[str]) -> float:
 
 
 @pytest.mark.parametrize("mission", MISSIONS)
-def test_nobody_who_always_wins_is_cheaper(mission: str) -> None:
+def test_nobody_who_always_wins_is_cheaper(mission):
     _, lines = standings(DOCS, mission)
     (cheapest,) = (row for row in lines if row[0] == "least known")
     ratio = _ratio(cheapest)
@@ -30,13 +30,13 @@ def test_nobody_who_always_wins_is_cheaper(mission: str) -> None:
 
 
 @pytest.mark.parametrize("mission", MISSIONS)
-def test_the_page_has_the_table_of_the_evidence(mission: str) -> None:
+def test_the_page_has_the_table_of_the_evidence(mission):
     page = (DOCS / "missions" / f"{mission}.md").read_text("utf-8")
     for row in standings(DOCS, mission)[1]:
         assert re.search(r"\| " + re.escape(" | ".join(row)) + r" \|", page), row
 
 
-def test_ratios_of_fewer_starts_than_their_row_say_so(tmp_path: Path) -> None:
+def test_ratios_of_fewer_starts_than_their_row_say_so(tmp_path):
     folder = tmp_path / "validation"
     folder.mkdir()
     row = {"condition": "default zones", "starts": 9, "won": 1.0, "ratio": 3.0, "spent": 3.0}
@@ -53,7 +53,7 @@ def test_ratios_of_fewer_starts_than_their_row_say_so(tmp_path: Path) -> None:
     assert ratios["MPC"] == "3.000"
 
 
-def test_the_least_known_flights_are_of_the_craft_and_stand_once(tmp_path: Path) -> None:
+def test_the_least_known_flights_are_of_the_craft_and_stand_once(tmp_path):
     """An agent always wins with 3 N s, guidance wins half with 1; a search finds 2, and throttles would need 1."""
     folder = tmp_path / "validation"
     folder.mkdir()
@@ -65,7 +65,7 @@ def test_the_least_known_flights_are_of_the_craft_and_stand_once(tmp_path: Path)
     front = [{"time": 20.0, "start": 0, "bound": 1.0, "flight": 1.0}]
     write_json(folder / "avoid-front.json", {"rows": front})
 
-    def kinds() -> dict[str, list[str]]:
+    def kinds():
         lines = standings(tmp_path, "avoid")[1]
         return {who: [line[0] for line in lines if line[1] == who] for _, who, *_ in lines}
 
@@ -77,7 +77,7 @@ def test_the_least_known_flights_are_of_the_craft_and_stand_once(tmp_path: Path)
     assert not any("throttled" in who for who in kinds())
 
 
-def test_times_of_other_deadlines_are_not_in_a_row() -> None:
+def test_times_of_other_deadlines_are_not_in_a_row():
     """Those of passive safety have deadlines of their own, and a row by 1,000 s none of their times."""
     for mission, asked in MISSIONS.items():
         for what, who, *_, time in standings(DOCS, mission)[1]:
@@ -85,7 +85,7 @@ def test_times_of_other_deadlines_are_not_in_a_row() -> None:
                 assert time == "-"
 
 
-def test_a_run_of_another_condition_has_no_cheapest_flight(tmp_path: Path) -> None:
+def test_a_run_of_another_condition_has_no_cheapest_flight(tmp_path):
     """As a quick run whose deadline is not that of the standings."""
     safety = {"rows": []}
     row = {"who": "guidance", "condition": "4,000 s", "won": 1.0, "starts": 1, "ratio": 1.1}

@@ -12,14 +12,12 @@ from typing import Any, cast
 import pytest
 import torch
 
+from rans import TASKS, Engine
 from rans.compile.machine_code import machine_code
 from rans.compile.preprocess import CudaPreprocessor, PolicyPrograms
-from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import FilterSettings, PPOSettings
-from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
-from rans.tasks import TASKS
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import compiled_on_host, needs_compiler
 
@@ -60,14 +58,7 @@ class HostLook(CudaPreprocessor):
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_programs_see_and_filter_as_torch_does(
-    dtype: torch.dtype,
-    task: str,
-    filters: tuple[float, ...] | None,
-    craft: Spacecraft,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_programs_see_and_filter_as_torch_does(dtype, task, filters, craft, tmp_path, monkeypatch):
     """In three steps of flight, from the same side; the kernels also where torch compiles what is around them."""
     monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=dtype)

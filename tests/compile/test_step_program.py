@@ -2,22 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
+from rans import TASKS, Engine
 from rans.compile.step_program import trace_step
-from rans.fast.engine import Engine
-from rans.model.spacecraft import Spacecraft
 from rans.model.trace import Symbol, ordered
-from rans.tasks import TASKS
 from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import both_crafts
 
 
 @pytest.mark.parametrize("task", ANY_CRAFT)
 @both_crafts
-def test_draws_are_for_an_episodes_end_only(craft: Spacecraft, task: Any) -> None:
+def test_draws_are_for_an_episodes_end_only(craft, task):
     """Whatever is made of the seed is rare, up to where the end of the episode chooses it.
 
     A kernel that drew for everybody would give the same numbers, in twice the time.

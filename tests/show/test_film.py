@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import importlib.util
 import io
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from PIL import Image
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.flight import Flight
 from rans.show import film
 from rans.show.film import Episode, check_video, save_video
@@ -22,7 +21,7 @@ FLAME = (230, 159, 0)
 
 
 @pytest.fixture
-def _small(monkeypatch: pytest.MonkeyPatch) -> None:
+def _small(monkeypatch) -> None:
     """Small and rough films save time."""
     monkeypatch.setattr(film, "_SIZE", {".mp4": (160, 120), ".gif": (160, 120)})
     monkeypatch.setattr(film, "_RATE", {".mp4": 10, ".gif": 5})
@@ -40,7 +39,7 @@ def flames(picture: Any) -> int:
 
 
 @pytest.mark.usefixtures("_small")
-def test_a_film_of_two_flights(tmp_path: Path) -> None:
+def test_a_film_of_two_flights(tmp_path):
     """Coasting 2 s, thruster 11 open from 0.2 to 0.4 s: at 5 frames a second in the second frame alone."""
     told: list[Any] = []
 
@@ -60,8 +59,8 @@ def test_a_film_of_two_flights(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("_small")
-def test_whatever_ends_a_film_leaves_no_half(tmp_path: Path) -> None:
-    def interrupt(_: int) -> None:
+def test_whatever_ends_a_film_leaves_no_half(tmp_path):
+    def interrupt(_):
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
@@ -77,13 +76,13 @@ def test_whatever_ends_a_film_leaves_no_half(tmp_path: Path) -> None:
         ("there.mp4", "there.mp4 exists already; choose another name"),
     ],
 )
-def test_what_cannot_become_a_film_is_a_sentence(tmp_path: Path, name: str, said: str) -> None:
+def test_what_cannot_become_a_film_is_a_sentence(tmp_path, name, said):
     (tmp_path / "there.mp4").write_text("mine")
     with pytest.raises(ConfigError, match=said):
         check_video(tmp_path / name)
 
 
-def test_a_missing_encoder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_encoder_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(ConfigError, match=r"\[video\]|imageio"):
         check_video(tmp_path / "film.mp4")
@@ -92,5 +91,5 @@ def test_a_missing_encoder_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 @pytest.mark.parametrize(
     ("episode", "instant", "text"), [(0, 2, ["20.0 cm", "6.0 deg"]), (1, 10, ["6.0 cm", "0.0 deg"])]
 )
-def test_what_is_written_into_a_frame(episode: int, instant: int, text: list[str]) -> None:
+def test_what_is_written_into_a_frame(episode, instant, text):
     assert Episode(two_episodes(), episode, 64, 48).error_texts(instant) == text

@@ -22,15 +22,13 @@ def row(steps: int) -> dict[str, Any]:
     return {"steps": steps, "success": 0.5, "steps_per_s": 1e6, "return/thrust": -3.2}
 
 
-def test_a_line_fits_eighty_columns() -> None:
+def test_a_line_fits_eighty_columns():
     """Of the largest training that somebody watches, and the highest rate measured."""
     longest = {"steps": 987_654_321, "success": 1.0, "steps_per_s": 67.2e6, "return/a": -1234.0}
     assert len(describe(longest, 10**10)) + _BAR + 1 <= 80
 
 
-def test_the_last_row_is_told_however_soon_it_comes(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_last_row_is_told_however_soon_it_comes(capsys, monkeypatch):
     """Rows in between only now and then; the last is that of the whole budget, or of more."""
     monkeypatch.setattr("rans.show.progress.time.monotonic", lambda: 1.0)
     for last in (3_000_000, 3_100_000):
@@ -57,9 +55,7 @@ class Logged:
 
 
 @pytest.mark.parametrize("stream", [None, Logged()])
-def test_a_program_without_a_console_trains(
-    stream: Logged | None, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_program_without_a_console_trains(stream, monkeypatch, capsys):
     monkeypatch.setattr(sys, "stderr", stream)
     with watched_training(10, None) as shown, watched() as stage:
         shown({"steps": 10})

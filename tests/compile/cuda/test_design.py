@@ -7,10 +7,10 @@ from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy
 
 
-def test_designs_of_shipped_sizes() -> None:
+def test_designs_of_shipped_sizes():
     """What a block of an H200 has room for: 227 KiB."""
 
-    def design(layers: tuple[int, int], history: int = 0) -> Design:
+    def design(layers, history=0):
         given = policy(PLATFORM, layers=layers, zoom=16.0, history=history).architecture
         return Design(given, 1, 232448)
 

@@ -61,7 +61,7 @@ def agree(kernel: FlightStatistics, stepped: FlightStatistics, share: float) -> 
 
 
 @needs_compiler
-def test_sides_and_zoom_in_three_products(tmp_path: Path) -> None:
+def test_sides_and_zoom_in_three_products(tmp_path):
     network = policy(PLATFORM, zoom=4.0)
     kernel, stepped = both(network, setup(PLATFORM), tmp_path, products="bf16x3")
     # Products are good to 2^-16, which changes a command in 1e5 here; of 40 flights some fail in each way.
@@ -72,16 +72,14 @@ def test_sides_and_zoom_in_three_products(tmp_path: Path) -> None:
 
 @needs_compiler
 @pytest.mark.parametrize("settings", [{"head": "gated"}, {"activation": "silu"}], ids=str)
-def test_heads_and_activations_that_only_have_a_formula(
-    settings: dict[str, Any], tmp_path: Path
-) -> None:
+def test_heads_and_activations_that_only_have_a_formula(settings, tmp_path):
     network = policy(THROTTLED, **settings)
     kernel, stepped = both(network, setup(THROTTLED), tmp_path, products="bf16x6")
     agree(kernel, stepped, 1e-4)
 
 
 @needs_compiler
-def test_a_history_of_one_row_seen_from_the_side(tmp_path: Path) -> None:
+def test_a_history_of_one_row_seen_from_the_side(tmp_path):
     """Where the row's own order and the commands' order are both looked up."""
     network = policy(PLATFORM, history=1, commands_only=True)
     kernel, stepped = both(network, setup(PLATFORM), tmp_path, products="bf16x6")
@@ -103,7 +101,7 @@ def test_a_history_of_one_row_seen_from_the_side(tmp_path: Path) -> None:
         "beside commands alone, one with responses",
     ],
 )
-def test_filters_in_noise(response: Any, settings: Any, tmp_path: Path) -> None:
+def test_filters_in_noise(response, settings, tmp_path):
     filters = bank(PLATFORM, WIDE, (0.01, 1.0), response, BRIEF.control_period)
     network = policy(PLATFORM, filters=filters, **settings)
     kernel, stepped = both(
@@ -114,7 +112,7 @@ def test_filters_in_noise(response: Any, settings: Any, tmp_path: Path) -> None:
 
 
 @needs_compiler
-def test_only_so_many_are_listed(tmp_path: Path) -> None:
+def test_only_so_many_are_listed(tmp_path):
     network = policy(PLATFORM, layers=(16,))
     given = setup(PLATFORM)
     stepped = Flights(network, given, generated=False)
@@ -139,10 +137,8 @@ class Chip:
         ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
     ],
 )
-def test_flights_without_a_kernel_say_so(
-    settings: Any, error: Exception | None, message: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*_: Any) -> None:
+def test_flights_without_a_kernel_say_so(settings, error, message, monkeypatch):
+    def fail(*_):
         raise error or AssertionError
 
     monkeypatch.setattr(torch.cuda, "get_device_properties", lambda _: Chip)
@@ -155,7 +151,7 @@ def test_flights_without_a_kernel_say_so(
         assert FlightKernel.made(world, network, torch.device("cpu"), "bf16") is None
 
 
-def test_an_old_gpu_has_no_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_old_gpu_has_no_kernel(monkeypatch):
     monkeypatch.setattr(
         torch.cuda, "get_device_properties", lambda _: type("Old", (Chip,), {"major": 7})
     )
@@ -165,7 +161,7 @@ def test_an_old_gpu_has_no_kernel(monkeypatch: pytest.MonkeyPatch) -> None:
         assert FlightKernel.made(world, network, torch.device("cpu"), "bf16") is None
 
 
-def test_a_task_of_tensors_is_stepped() -> None:
+def test_a_task_of_tensors_is_stepped():
     weight: Any = torch.tensor(0.02)
     task = replace(WIDE, thrust_weight=weight)
     network = policy(PLATFORM, task)

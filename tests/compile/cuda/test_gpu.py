@@ -10,11 +10,9 @@ import pytest
 import torch
 from torch import Tensor
 
-from rans.compile.cuda.flight import Products
-from rans.errors import ConfigError
+from rans import TASKS, ConfigError, Engine, Timing
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
-from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.flights import Flights
 from rans.fast.stepping import kernel as step_kernel
@@ -22,8 +20,6 @@ from rans.fast.stepping.step import Step
 from rans.flight_statistics import QUANTITIES
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import TASKS
 from tests.support.crafts import ANY_CRAFT
 from tests.support.switching import SwitchingGoToPose
 
@@ -98,7 +94,7 @@ def compare(plain: Engine, kernel: Engine) -> None:
 
 
 @pytest.fixture(params=COUNTS)
-def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> int:
+def count(request, monkeypatch) -> int:
     """So many environments that a thread steps as many as the key of `COUNTS`, fetching ahead."""
     monkeypatch.setattr(step_kernel, "MANY", 1)
     monkeypatch.setattr(step_kernel, "LONG", 2**31)
@@ -111,14 +107,12 @@ def count(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> in
 @pytest.mark.parametrize("dtype", TOLERANCE, ids=["float64", "float32"])
 @pytest.mark.parametrize("craft", ["floating-platform", "floating-platform-shared", "free-flyer"])
 @pytest.mark.parametrize("task", MADE)
-def test_the_kernel_does_what_torch_does(
-    task: str, craft: str, dtype: torch.dtype, count: int
-) -> None:
+def test_the_kernel_does_what_torch_does(task, craft, dtype, count):
     compare(*(engine(craft, task, count, dtype, generated) for generated in (False, True)))
 
 
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
-def test_the_kernel_reads_bodies_that_differ(craft: str, count: int) -> None:
+def test_the_kernel_reads_bodies_that_differ(craft, count):
     nominal = Body.of(load_spacecraft(craft))
     scale = torch.linspace(0.5, 4.0, count, device="cuda")
     body = Body(nominal.mass * scale, tuple(entry * scale for entry in nominal.inertia))
@@ -137,7 +131,7 @@ def told(checked: Callable[[Tensor], Tensor], right: Tensor) -> None:
         torch.cuda.synchronize()
 
 
-def test_a_wrong_action_is_told_though_many_right_ones_follow_it() -> None:
+def test_a_wrong_action_is_told_though_many_right_ones_follow_it():
     """Queued behind a slow product, so that its check is still in flight when the next ones come."""
     checked = Actions(
         engine("floating-platform", "go-to-pose", 64, torch.float32, generated=True)
@@ -170,7 +164,7 @@ COUNT = 16384
         "go-to-pose-3d-robust",
     ],
 )
-def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: float) -> None:
+def test_the_kernel_flies_as_a_cpu_does(name, products, alike):
     run = contestant(f"pretrained:{name}")
     assert isinstance(run.controller, Agent)
     count = COUNT // 8 if run.conditions else COUNT
@@ -193,7 +187,7 @@ def test_the_kernel_flies_as_a_cpu_does(name: str, products: Products, alike: fl
 
 
 @pytest.mark.parametrize("generated", [True, False])
-def test_parts_add_up(generated: bool) -> None:
+def test_parts_add_up(generated):
     run = contestant("pretrained:go-to-pose-2d")
     assert isinstance(run.controller, Agent)
     flights = Flights(run.network, run.judged, "cuda", generated=generated)

@@ -48,9 +48,7 @@ class Compiler:
 
 
 @pytest.mark.parametrize("fails", [False, True])
-def test_a_text_becomes_machine_code_or_an_error_with_the_compilers_log(
-    fails: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_text_becomes_machine_code_or_an_error_with_the_compilers_log(fails, monkeypatch):
     compiler = Compiler(fails)
     monkeypatch.setattr(launch, "_compiler", lambda: compiler)
     # Without the cache of files, and of functions.

@@ -14,11 +14,11 @@ from rans_bounds.problem import SearchEffort
 from rans_bounds.starts import bound, no_certificate, question
 from rans_space_certificates.bounder import SpatialBounder
 
+from rans import GoToPose
 from rans.evaluation.compare.bounds import Event
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, each, scenarios
-from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims
 from tests.support import plugins
 
@@ -31,7 +31,7 @@ TASK = GoToPose(spawn_distance=(3.0, 3.1))
 
 
 @pytest.mark.slow
-def test_in_space_the_certificate_is_above_the_hull() -> None:
+def test_in_space_the_certificate_is_above_the_hull():
     assert no_certificate(FLYER, aims(TASK), 0.2) == ""
     asking = question(
         FLYER,
@@ -51,16 +51,14 @@ def test_in_space_the_certificate_is_above_the_hull() -> None:
     assert moved.best >= moved.hull > 0
 
 
-def test_the_entry_point_is_the_function_of_the_seam() -> None:
+def test_the_entry_point_is_the_function_of_the_seam():
     [(group, names)] = tomllib.loads(PROJECT.read_text("utf-8"))["project"]["entry-points"].items()
     module, function = names["space"].split(":")
     assert (group, list(names)) == ("rans.bounds", ["space"])
     assert isinstance(getattr(import_module(module), function)(FLYER, 0.2), SpatialBounder)
 
 
-def test_without_the_package_space_has_the_hull_bound_and_the_reason(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_without_the_package_space_has_the_hull_bound_and_the_reason(monkeypatch):
     monkeypatch.setattr(BOUNDERS, "own", {})
     monkeypatch.setattr(BOUNDERS, "_offered", {})  # of who has it installed
     assert "examples/plugins/space_certificates" in no_certificate(FLYER, aims(TASK), 0.2)

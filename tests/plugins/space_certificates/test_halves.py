@@ -14,10 +14,10 @@ from rans_space_certificates.halves import HalfTrajectories
 from rans_space_certificates.halves_kernel import gained
 from rans_space_certificates.reach import SpinLattice
 
+from rans import Spacecraft, Thruster
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
-from rans.model.spacecraft import Spacecraft, Thruster
 from tests.support.space_reach import PERIOD, REST, craft_with, near
 from tests.support.states import spatial
 
@@ -81,7 +81,7 @@ def turned(angle: float, about: int) -> Quat:
 
 
 @pytest.mark.slow
-def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
+def test_no_level_is_excluded_that_a_flight_reaches(flown):
     """Goals 12 to 20 cm ahead, turned or not: what no flight reaches is excluded unless most pulses may be
     wasted, as below 16 cm."""
     answers = []
@@ -98,7 +98,7 @@ def test_no_level_is_excluded_that_a_flight_reaches(flown: Any) -> None:
 
 
 @pytest.mark.parametrize("lean", [0.0, 0.4])
-def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
+def test_all_halves_are_listed_that_gain_enough(lean):
     """All 560 of three pulses in four periods, flown by the engines, that gain six tenths of the most."""
     goal = replace(STILL, p=Vec3(0.17, 0.05, 0.0))
     halves = HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS)
@@ -108,14 +108,13 @@ def test_all_halves_are_listed_that_gain_enough(lean: float) -> None:
     gains = np.array([gained(x, 0.8, end.direction, 1.6, 0.0, lean) for x in states])
     enough = states[gains >= 0.6 * gains.max() + 1e-5]
     listed = halves._halves(end, 3, lean, 0.6 * float(gains.max()))
-    assert listed is not None
     assert 10 < len(enough) < 500
     for state in enough:  # the kernel is good to 1e-5
         assert np.abs(listed - state).max(axis=1).min() < 1e-4
     assert halves._most_gained(end, 3, lean) == pytest.approx(gains.max(), abs=1e-5)
 
 
-def test_too_many_halves_prove_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_halves_prove_nothing(monkeypatch):
     goal = replace(STILL, p=Vec3(0.17, 0.0, 0.0), attitude=turned(0.24, 1))
     assert HalfTrajectories(LATTICE, REST, STILL, goal, SET, STEPS).exclude(4)
     monkeypatch.setattr("rans_space_certificates.halves._MOST_HALVES", 3)

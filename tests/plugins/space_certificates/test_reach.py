@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -16,8 +15,8 @@ from rans_bounds.problem import Problem, SearchEffort, Unreachable
 from rans_space_certificates.bounder import SpatialBounder
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
 
+from rans import Spacecraft, Thruster
 from rans.model.fields import Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft, Thruster
 from tests.support.space_reach import (
     FLYER,
     PERIOD,
@@ -94,7 +93,7 @@ def _paid(
         ("crossed", 3, 0.3),
     ],
 )
-def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin: float) -> None:
+def test_no_sequence_costs_less_than_any_costate_says(name, seed, spin):
     """Every one of 4,096 that ends in the goal's attitude, wherever else, pays its Lagrangian at least."""
     craft = CRAFTS[name]()
     steps = 3
@@ -110,9 +109,7 @@ def test_no_sequence_costs_less_than_any_costate_says(name: str, seed: int, spin
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("build", "seed"), [(lopsided, 4), (equal, 5), (crossed, 4)])
-def test_least_fuel_and_time_are_below_those_of_every_sequence(
-    build: Callable[[], Spacecraft], seed: int
-) -> None:
+def test_least_fuel_and_time_are_below_those_of_every_sequence(build, seed):
     craft = build()
     steps = 3
     start, goal, spent, final = instance(craft, steps, seed)
@@ -141,7 +138,7 @@ def test_least_fuel_and_time_are_below_those_of_every_sequence(
 
 
 @pytest.mark.slow
-def test_there_already_and_never() -> None:
+def test_there_already_and_never():
     lattice = SpinLattice(FLYER, PERIOD)
     here = spatial()
     far = replace(here, p=Vec3(9.0, 0.0, 0.0))

@@ -38,7 +38,7 @@ def drawing_functions() -> Iterator[tuple[str, Any]]:
                 yield name, function
 
 
-def test_every_figure_has_settled_axes() -> None:
+def test_every_figure_has_settled_axes():
     """By the decorator `styled`: a figure that is drawn without it is found here."""
     found = dict(drawing_functions())
     assert len(found) >= 3
@@ -71,6 +71,6 @@ def check(figure: Figure) -> None:
             assert high - low > SEEN * max(abs(low), abs(high), 1.0), axis.label.get_text()
 
 
-def test_a_flight_that_rests_has_axes_that_show_it() -> None:
+def test_a_flight_that_rests_has_axes_that_show_it():
     check(episode_figure(still()))
     check(charts_figure([*flight_charts(still())]))

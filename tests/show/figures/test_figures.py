@@ -9,15 +9,14 @@ import pytest
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rans import GoToPose, Timing
 from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.show.charts import Rows, flight_charts, learning_charts
 from rans.show.figures.chart_figure import charts_figure
 from rans.show.figures.figures import episode_figure
 from rans.show.figures.svg import svg
-from rans.tasks import GoToPose
 from tests.support.comparisons import points
 from tests.support.evaluation_flights import many_episodes, two_episodes
 from tests.support.played import Played
@@ -43,7 +42,7 @@ def charts(flight: Flight) -> dict[str, Axes]:
     return {axes.get_ylabel(): axes for axes in charts_figure([*flight_charts(flight)]).axes}
 
 
-def test_every_axis_has_its_unit() -> None:
+def test_every_axis_has_its_unit():
     figures = charts_figure([*flight_charts(two_episodes())]), episode_figure(two_episodes())
     for figure in figures:
         labels = [text for axes in figure.axes for text in (axes.get_xlabel(), axes.get_ylabel())]
@@ -52,7 +51,7 @@ def test_every_axis_has_its_unit() -> None:
         assert unitless <= {"thruster", "error / tolerance", "reward per step", ""}
 
 
-def test_charts_show_mean_best_and_worst() -> None:
+def test_charts_show_mean_best_and_worst():
     found = charts(two_episodes())
     # Means over time: the first episode's 1 m start makes it the worst.
     assert points(found["position error, cm"])["worst episode"][0] == [0.0, 100.0]
@@ -66,7 +65,7 @@ def test_charts_show_mean_best_and_worst() -> None:
     assert rewards["best episode"][0][1] > rewards["worst episode"][0][1]
 
 
-def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
+def test_errors_and_their_tolerances_are_in_the_units_of_the_axis():
     """At most 100 cm and 10 degrees, where 5 cm and 5 degrees count as reached."""
     found = charts(two_episodes())
     for label, largest in (("position error, cm", 100.0), ("attitude error, deg", 10.0)):
@@ -77,7 +76,7 @@ def test_errors_and_their_tolerances_are_in_the_units_of_the_axis() -> None:
         assert found[label].get_xscale() == "linear"
 
 
-def test_a_band_is_the_middle_of_many_episodes() -> None:
+def test_a_band_is_the_middle_of_many_episodes():
     """50 starts and a file whose size does not grow with them."""
     flight = many_episodes(50)
     error = 100.0 * flight.errors()["position"]
@@ -89,7 +88,7 @@ def test_a_band_is_the_middle_of_many_episodes() -> None:
 
 
 @pytest.mark.slow
-def test_spatial_flights_can_be_drawn() -> None:
+def test_spatial_flights_can_be_drawn():
     flight = spatial_flight()
     svg(charts_figure([*flight_charts(flight)]))
     path = episode_figure(flight, 3).axes[0]
@@ -97,7 +96,7 @@ def test_spatial_flights_can_be_drawn() -> None:
     assert cast(Any, path).get_zlabel() == "z, m"
 
 
-def test_episode_figure_draws_that_episode() -> None:
+def test_episode_figure_draws_that_episode():
     figure = episode_figure(two_episodes(), 1)
     path = panel(figure, "a").get_lines()[1].get_xydata()
     np.testing.assert_allclose(
@@ -107,7 +106,7 @@ def test_episode_figure_draws_that_episode() -> None:
 
 
 @pytest.mark.slow
-def test_equal_figures_give_equal_bytes() -> None:
+def test_equal_figures_give_equal_bytes():
     assert svg(episode_figure(two_episodes())) == svg(episode_figure(two_episodes()))
 
 
@@ -115,7 +114,7 @@ def learning_figure(rows: Rows) -> Figure:
     return charts_figure([*learning_charts(rows)])
 
 
-def test_learning_curve() -> None:
+def test_learning_curve():
     success, returns = learning_figure(ROWS).axes
     np.testing.assert_allclose(success.get_lines()[0].get_xydata()[-1], [10_000, 100.0])  # type: ignore[index]
     assert {*returns.get_legend_handles_labels()[1]} == {"position", "attitude"}
@@ -123,7 +122,7 @@ def test_learning_curve() -> None:
 
 
 @pytest.mark.slow
-def test_no_window_system_is_touched() -> None:
+def test_no_window_system_is_touched():
     code = "import sys, rans.show.figures.figures; print('matplotlib.pyplot' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"

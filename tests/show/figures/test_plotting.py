@@ -44,14 +44,14 @@ def ran(folder: Path, program: str, **variables: str) -> str:
         ("svg", "svg"),  # a user's script keeps what it asks for
     ],
 )
-def test_a_backend_that_is_not_installed(name: str, then: str | None, tmp_path: Path) -> None:
+def test_a_backend_that_is_not_installed(name, then, tmp_path):
     printed = ran(tmp_path, PROGRAM, MPLBACKEND=name)
     assert (tmp_path / "layout.svg").read_text().rstrip().endswith("</svg>")
     if then is not None:
         assert printed == then
 
 
-def test_a_backend_of_a_configuration_file(tmp_path: Path) -> None:
+def test_a_backend_of_a_configuration_file(tmp_path):
     (tmp_path / "matplotlibrc").write_text("backend: no-such-backend\n")
     ran(tmp_path, PROGRAM, MATPLOTLIBRC=str(tmp_path))
     assert (tmp_path / "layout.svg").exists()

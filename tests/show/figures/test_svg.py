@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from rans.show.figures.svg import svg
 
 
-def test_dark_pages_have_light_inks_and_no_ground() -> None:
+def test_dark_pages_have_light_inks_and_no_ground():
     figure = Figure()
     figure.subplots()
     text = svg(figure)

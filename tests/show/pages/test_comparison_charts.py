@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -41,7 +40,7 @@ def drawn(chart: Chart) -> dict[str, list[tuple[float, float]]]:
     return {one.name: [(mark.x, mark.y) for mark in one.marks] for one in chart.series}
 
 
-def test_the_plane_draws_bounds_below_what_was_found() -> None:
+def test_the_plane_draws_bounds_below_what_was_found():
     found = bounded()
     assert found.horizons() == HORIZONS
     chart = plane_chart(found)
@@ -60,7 +59,7 @@ def test_the_plane_draws_bounds_below_what_was_found() -> None:
     assert "medians over 2 starts" in chart.caption
 
 
-def test_a_chart_is_written_for_papers(tmp_path: Path) -> None:
+def test_a_chart_is_written_for_papers(tmp_path):
     files = save_chart(plane_chart(bounded()), tmp_path / "compare")
     assert [file.name for file in files] == ["compare.svg", "compare.pdf"]
     assert "<svg" in files[0].read_text("utf-8")
@@ -69,7 +68,7 @@ def test_a_chart_is_written_for_papers(tmp_path: Path) -> None:
     assert b"/Type3" not in pdf  # fonts that publishers refuse
 
 
-def test_one_start_has_no_median_and_no_interval() -> None:
+def test_one_start_has_no_median_and_no_interval():
     flown = entry()
     alone = replace(flown, flight=flight_of(np.full((11, 1), 0.01), 0.0, np.zeros((10, 1, 8))))
     contest = replace(comparison().contest, episodes=1)

@@ -19,7 +19,7 @@ def values(shown: Comparison) -> dict[str, str]:
     return {tile.what: tile.value for tile in page(shown).tiles}
 
 
-def test_tiles_have_units() -> None:
+def test_tiles_have_units():
     """Two of three episodes settle, after 1 and 2 s; thrust of 2, 1 and 0 N s."""
     found = values(comparison())
     assert found["solved"] == "66.7 %"
@@ -27,7 +27,7 @@ def test_tiles_have_units() -> None:
     assert found["impulse of the episode"] == "1 N s"
 
 
-def test_what_never_happens_has_no_unit() -> None:
+def test_what_never_happens_has_no_unit():
     far = flight_of(np.full((11, 3), 9.0), 0.0, np.zeros((10, 3, 8)))
     entry = Entry(Contestant("agent", NOBODY, "observation", "none"), far)
     contest = Contest(far.craft, far.task, far.timing, 1, 3)

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 import rans
+from rans import RansError
 from rans.api.pages import flyers
-from rans.errors import RansError
 from rans.evaluation.measure.aggregate import measure
 from rans.files import write_json
 from rans.flight import Flight
@@ -92,7 +92,7 @@ def written(folder: Path, files: dict[str, Any]) -> None:
         for name in sorted(contents())
     ],
 )
-def test_a_report_of_a_stranger_is_text(name: str, tmp_path: Path) -> None:
+def test_a_report_of_a_stranger_is_text(name, tmp_path):
     """Every text and every key of every file in turn: a page in which it is a text, or a sentence."""
     written(tmp_path, {})
     shown = 0
@@ -116,7 +116,7 @@ def test_a_report_of_a_stranger_is_text(name: str, tmp_path: Path) -> None:
         '<script>const x = "<!--<script>";</script>',
     ],
 )
-def test_live_texts_are_seen(planted: str) -> None:
+def test_live_texts_are_seen(planted):
     assert live(f"<body>{planted}</body>")
 
 
@@ -164,9 +164,7 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
 
 
 @pytest.mark.slow
-def test_every_kind_of_page_is_text_and_a_browser_runs_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_kind_of_page_is_text_and_a_browser_runs_nothing(tmp_path, monkeypatch):
     """Chromium reads a page by rules of its own; a page beside them that does run such a text says so."""
     monkeypatch.chdir(tmp_path)  # an agent for any craft is written into runs/
     made = {name: html() for name, html in pages(tmp_path).items()}
@@ -174,21 +172,21 @@ def test_every_kind_of_page_is_text_and_a_browser_runs_nothing(
     assert ran(made, tmp_path / "profile") == ["control"]
 
 
-def test_a_craft_in_the_playground_is_text(here: Path) -> None:
+def test_a_craft_in_the_playground_is_text(here):
     (flyer,) = flyers((f"any-craft-2d@{spacecraft_file(here)}",), None, False)
     html = playground(flyer).html()
     assert "onerror" in html
     assert live(html) == []
 
 
-def test_code_that_would_end_its_script_is_refused() -> None:
+def test_code_that_would_end_its_script_is_refused():
     for text in ("a</script>", "a</ScRiPt x", "a<!--b", 'x = "<script'):
         with pytest.raises(ValueError, match="ends its script element"):
             markup.code("const a = 1;", text)
     assert json.loads(markup.data({"a": HOSTILE})) == {"a": HOSTILE}
 
 
-def test_only_one_module_makes_mark_up() -> None:
+def test_only_one_module_makes_mark_up():
     """No template calls a text safe, and no module escapes or marks texts by itself."""
     templates = [file for kind in ("*.j2", "*.html") for file in PACKAGE.rglob(kind)]
     assert templates

@@ -24,9 +24,7 @@ NOTE = Fact("colour", "white")
         ([GOOD], ["It burst."], False, "It burst."),
     ],
 )
-def test_verdict_and_its_box(
-    facts: list[Fact], failures: list[str], passed: bool | None, first: str | None
-) -> None:
+def test_verdict_and_its_box(facts, failures, passed, first):
     page = Page("title", [Section("one", facts=facts, failures=failures)])
     assert page.passed is passed
     boxes = re.findall(
@@ -35,7 +33,7 @@ def test_verdict_and_its_box(
     assert boxes == ([] if passed is None else [("good" if passed else "bad", first)])
 
 
-def test_a_study_that_checked_nothing_passes_nothing() -> None:
+def test_a_study_that_checked_nothing_passes_nothing():
     section = validation_section(
         {"title": "Empty", "checks": [], "skipped": [{"name": "kernel", "reason": "No compiler."}]}
     )
@@ -44,7 +42,7 @@ def test_a_study_that_checked_nothing_passes_nothing() -> None:
     assert section.tables[0].rows == [["kernel", None, None, None, "not run", None, "No compiler."]]
 
 
-def test_how_it_was_made_is_one_line_a_group() -> None:
+def test_how_it_was_made_is_one_line_a_group():
     assert header(
         {"seed": 3, "versions": {"torch": "2.9", "gpu": {"name": "none"}}, "layers": [64, 64]}
     ) == {"seed": "3", "versions": "torch 2.9, gpu.name none", "layers": "64, 64"}

@@ -19,21 +19,19 @@ from rans_missions.tasks import Dock, TargetOrbit
 
 import rans
 from examples.single_file.controller import PD
+from rans import Conditions, ConfigError, Engine, ThrusterConditions
 from rans.api.pages import flyers
 from rans.compile.javascript import activations
 from rans.deploy.contract import flights_of_training, golden
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.fast.engine import Engine
 from rans.fast.learn.config import MemorySettings
 from rans.model.fields import leaves, wrap
 from rans.model.random import seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.activations import ACTIVATIONS
-from rans.randomization.conditions import Conditions, ThrusterConditions
 from rans.registry import typed
 from rans.scenario import scenarios
 from rans.show.pages.playground import _Traced, interactive_world, playground
@@ -86,7 +84,7 @@ def answer(script: str, tmp_path: Path) -> Any:
 
 
 @needs_node
-def test_activations_are_those_of_torch(tmp_path: Path) -> None:
+def test_activations_are_those_of_torch(tmp_path):
     points = [-3.0, -0.5, 0.0, 0.25, 2.0]
     names = list(ACTIVATIONS)
     found = answer(
@@ -103,7 +101,7 @@ def test_activations_are_those_of_torch(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     "name", [*AGENTS, pytest.param("any-craft-3d@cubesat-3u", marks=pytest.mark.slow)]
 )
-def test_it_starts_moves_and_observes_as_python_does(name: str, tmp_path: Path) -> None:
+def test_it_starts_moves_and_observes_as_python_does(name, tmp_path):
     """The same start, and then its own commands, late and with thrusters that fail.
 
     The CubeSat has pulsed thrusters and three reaction wheels, which change its motion between substeps.
@@ -150,7 +148,7 @@ console.log(JSON.stringify(taken));"""
         ),
     ],
 )
-def test_its_commands_are_those_of_the_agent(name: str, tmp_path: Path) -> None:
+def test_its_commands_are_those_of_the_agent(name, tmp_path):
     """On whole flights, memory and all; no choice is close there, so that weights of 16 bits change none.
 
     A throttle's duty is off by less than a thousandth.
@@ -194,7 +192,7 @@ def flat(quantities: dict[str, Any]) -> list[float]:
 
 @pytest.mark.slow
 @needs_node
-def test_weights_of_eight_bits_fly_as_well(tmp_path: Path) -> None:
+def test_weights_of_eight_bits_fly_as_well(tmp_path):
     """Networks too large for 16 bits a weight: all of 20 flights end at the goal, as those of the agent do."""
     page = playground(run_of("go-to-pose-3d"), SEED)
     assert page.data["bits"] == 8
@@ -210,7 +208,7 @@ console.log(JSON.stringify(reached));"""
 
 
 @needs_node
-def test_it_begins_with_the_delay_of_the_training(tmp_path: Path) -> None:
+def test_it_begins_with_the_delay_of_the_training(tmp_path):
     """Trained at 40 to 80 ms of 200 ms: of each period 0.3 has the command before. By hand from all commands."""
     trained = Conditions(thrusters=ThrusterConditions(latency=(0.04, 0.08)))
     run = run_of("go-to-pose-2d")
@@ -231,7 +229,7 @@ console.log(JSON.stringify(flown));"""
 
 
 @needs_node
-def test_rewinding_gives_the_same_flight_again(tmp_path: Path) -> None:
+def test_rewinding_gives_the_same_flight_again(tmp_path):
     """Also of an agent with a memory, and of commands that are under way."""
     page = playground(run_of("go-to-pose-2d-robust"), SEED)
     script = f"""{page.script}
@@ -250,7 +248,7 @@ console.log(JSON.stringify([between, once, flight.carried]));"""
 @pytest.mark.parametrize(
     "name", ["go-to-pose-2d", "go-to-pose-3d", "any-craft-3d@cubesat-3u", "any-craft-2d"]
 )
-def test_the_page_is_small_and_fetches_nothing(name: str, tmp_path: Path) -> None:
+def test_the_page_is_small_and_fetches_nothing(name, tmp_path):
     """Many weights, more than have 16 bits in so little, and many substeps in space."""
     page = playground(run_of(name), SEED)
     page.write(tmp_path / "fly.html")
@@ -273,13 +271,13 @@ class Branching(PD):
         (f"{__name__}:Branching:go-to-pose-2d", "`command` of .*Branching.* is no arithmetic"),
     ],
 )
-def test_others_are_refused_in_a_sentence(who: str, why: str) -> None:
+def test_others_are_refused_in_a_sentence(who, why):
     with pytest.raises(ConfigError, match=why):
         playground(contestant(typed(who)), SEED)
 
 
 @needs_node
-def test_a_controller_of_ones_own_flies_in_a_page_as_in_python(tmp_path: Path) -> None:
+def test_a_controller_of_ones_own_flies_in_a_page_as_in_python(tmp_path):
     """That of the example that readers copy, by the name that a user types."""
     run = contestant(typed("examples.single_file.controller:PD:go-to-pose-2d"))
     script = f"""{playground(run, SEED).script}
@@ -300,14 +298,14 @@ console.log(JSON.stringify(taken));"""
 @needs_node
 @pytest.mark.slow
 @pytest.mark.parametrize("orbit", ["circle", "ellipse"])
-def test_guidance_flies_in_a_page_as_in_python(orbit: str, tmp_path: Path) -> None:
+def test_guidance_flies_in_a_page_as_in_python(orbit, tmp_path):
     """The page wins its mission; the first periods are those of Python, within a millimetre.
 
     On an ellipse each flight has its own anomaly, which moves on in the page too. Burns of 10 to 50 s follow from
     differences of large numbers, which double precision has to 1e-9 or so.
     """
     count = 2
-    run: Any = contestant("mission:rendezvous-3d")
+    run = contestant("mission:rendezvous-3d")
     if orbit == "ellipse":
         run = contestant("mission:dock-3d")
         task = Dock(orbit=TargetOrbit(eccentricity=0.5, semi_major_axis_km=13_556.0))
@@ -334,7 +332,7 @@ console.log(JSON.stringify(found));"""
 
 
 @needs_node
-def test_points_of_an_inspection_are_marked_once_they_are_seen(tmp_path: Path) -> None:
+def test_points_of_an_inspection_are_marked_once_they_are_seen(tmp_path):
     """After a period with shut thrusters: those above whose horizon both craft and sun are, or were before."""
     task = rans.load_task("inspect")
     craft = load_spacecraft("afrl-deputy")
@@ -372,7 +370,7 @@ _ALARM = (
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["any-craft-2d", "mission:dock-3d"])
-def test_a_browser_runs_the_page_whole_and_near(name: str, tmp_path: Path) -> None:
+def test_a_browser_runs_the_page_whole_and_near(name, tmp_path):
     """Every script of it without an error, from far and from near; a page with an error says so."""
     (run,) = flyers((name,), None, False)
     page = playground(run).html().replace("<h1>", f"{_ALARM}<h1>", 1)
@@ -391,7 +389,7 @@ def test_a_browser_runs_the_page_whole_and_near(name: str, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_a_page_with_a_live_part_opens_at_its_title(tmp_path: Path) -> None:
+def test_a_page_with_a_live_part_opens_at_its_title(tmp_path):
     """Which a fragment in the frame's address would scroll away, as the control does."""
     part = playground(run_of("go-to-pose-2d")).html()
     around = """<h1 style="height: 400px">Title</h1><iframe src="FRAME" width="600" height="400"></iframe>
@@ -417,7 +415,7 @@ def test_a_page_with_a_live_part_opens_at_its_title(tmp_path: Path) -> None:
     assert 'class="part"' not in whole
 
 
-def test_no_page_of_the_site_has_a_frame_with_a_fragment() -> None:
+def test_no_page_of_the_site_has_a_frame_with_a_fragment():
     """It scrolls the page around it."""
     docs = Path(__file__).parents[3] / "docs"
     frames = [

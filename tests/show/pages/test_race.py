@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +27,7 @@ def flown(craft: rans.Spacecraft, steps: int) -> Flight:
     return fly(craft, task, Random(craft), starts, rans.Timing(episode_steps=steps))
 
 
-def test_positions_axes_and_commands_are_the_flights() -> None:
+def test_positions_axes_and_commands_are_the_flights():
     flight = flown(PLATFORM, 6)
     (start,) = race(PLATFORM, [("worst", [Track("a", flight, 1, 0.8)])]).data["starts"]
     (track,) = start["tracks"]
@@ -46,7 +45,7 @@ def test_positions_axes_and_commands_are_the_flights() -> None:
     assert len(start["goal"]["p"]) == 1
 
 
-def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
+def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once():
     task = rans.load_task("avoid")
     starts = scenarios(task, PLATFORM, seed=5, count=2)
     flight = fly(PLATFORM, task, Random(PLATFORM), starts, rans.Timing(episode_steps=6))
@@ -68,7 +67,7 @@ def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once() -> None:
     assert slope[3:] == [0.0, 0.0, 1.0, pytest.approx(np.radians(4.0), abs=6e-4)]
 
 
-def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them() -> None:
+def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them():
     task = rans.load_task("inspect")
     craft = rans.load_spacecraft("afrl-deputy")
     starts = scenarios(task, craft, seed=5, count=1)
@@ -79,9 +78,7 @@ def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them() 
 
 
 @pytest.mark.parametrize("replay", [None, Race({"starts": ["</script><b>"]}, "two & one")])
-def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(
-    replay: Race | None,
-) -> None:
+def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(replay):
     html = Page("x", [Section("s", race=replay)]).html()
     assert html.count("<script") == (2 if replay else 0)
     assert "<b>" not in html
@@ -92,7 +89,7 @@ def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(
 
 
 @pytest.mark.slow
-def test_a_replay_plays_although_its_first_frame_began_before_it(tmp_path: Path) -> None:
+def test_a_replay_plays_although_its_first_frame_began_before_it(tmp_path):
     """Browsers tell when a frame began, which may be before the script asked for it."""
     replay = race(PLATFORM, [("x", [Track("a", flown(PLATFORM, 6), 1, 0.8)])], plays=True)
     late = "<script>const was = performance.now.bind(performance); performance.now = () => was() + 500;"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,7 +30,7 @@ def races(page: Page) -> list[Race]:
     return [section.race for section in page.sections if section.race is not None]
 
 
-def test_flights_from_the_same_starts_share_a_picture() -> None:
+def test_flights_from_the_same_starts_share_a_picture():
     flights = [
         flown(PLATFORM, rans.GoToPose()),
         flown(FLYER, rans.GoToPose()),
@@ -46,7 +45,7 @@ def test_flights_from_the_same_starts_share_a_picture() -> None:
     assert len(set(colours)) == 4
 
 
-def test_a_velocity_to_follow_is_given_with_that_of_the_craft() -> None:
+def test_a_velocity_to_follow_is_given_with_that_of_the_craft():
     flight = flown(PLATFORM, rans.TrackVelocity())
     (start, _) = races(replay_page([flight], "t"))[0].data["starts"]
     (track,) = start["tracks"]
@@ -64,7 +63,7 @@ def test_a_velocity_to_follow_is_given_with_that_of_the_craft() -> None:
 
 
 @pytest.mark.slow
-def test_a_browser_draws_it(tmp_path: Path) -> None:
+def test_a_browser_draws_it(tmp_path):
     """After its scripts have run, every flight has its distance, or the error of its velocity."""
     flights = [flown(PLATFORM, rans.GoToPose()), flown(FLYER, rans.TrackVelocity())]
     with served({"/": replay_page(flights, "t").html()}) as (address, _):
@@ -72,7 +71,7 @@ def test_a_browser_draws_it(tmp_path: Path) -> None:
     assert re.findall(r'class="now">[\d.]+ (m|m/s) · [\d.]+ s open', page) == ["m", "m/s"]
 
 
-def test_a_replay_needs_no_drake_and_plays_by_itself(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_replay_needs_no_drake_and_plays_by_itself(monkeypatch):
     monkeypatch.setitem(sys.modules, "pydrake", None)
     page = rans.view("lqr:go-to-pose-2d")
     assert "<title>go-to-pose, floating-platform</title>" in page.html()

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.measure.aggregate import measure
 from rans.files import read_json, write_json
 from rans.registry import Registry
@@ -59,7 +59,7 @@ class Read(HTMLParser):
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path) -> Path:
     """A run folder that holds everything."""
     flight = two_episodes()
     for name in ("evaluation.svg", "episode.svg"):
@@ -96,7 +96,7 @@ def run(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_report_from_run_holds_everything(run: Path) -> None:
+def test_report_from_run_holds_everything(run):
     page = Read(report_from_run(run).html())
     headings = [
         "Comparison",
@@ -128,12 +128,12 @@ def test_report_from_run_holds_everything(run: Path) -> None:
     assert table < page.text.index("tolerance") < made
 
 
-def test_a_report_is_of_a_run() -> None:
+def test_a_report_is_of_a_run():
     with pytest.raises(ConfigError, match="a run, unless it is a name or a file"):
         rans.report([])  # type: ignore[arg-type]
 
 
-def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
+def test_report_loads_nothing_from_elsewhere(run):
     html = report_from_run(run).html()
     page = Read(html)
     assert page.links
@@ -145,7 +145,7 @@ def test_report_loads_nothing_from_elsewhere(run: Path) -> None:
     assert len(html) < 3e6
 
 
-def test_how_it_was_made_is_on_top(run: Path) -> None:
+def test_how_it_was_made_is_on_top(run):
     assert report_from_run(run).header == {
         "command": "rans train go-to-pose",
         "seed": "3",
@@ -158,7 +158,7 @@ def test_how_it_was_made_is_on_top(run: Path) -> None:
     assert report_from_run(run).header == {"environment": "drake 1.51.1"}
 
 
-def test_the_result_is_above_everything(run: Path) -> None:
+def test_the_result_is_above_everything(run):
     """One of two episodes is solved, as `two_episodes` flies them; Wilson's interval of that."""
     assert report_from_run(run).hero == (
         "agent solves its task from 1 of 1 start, 6.50 s (median), 20.00 N s of thrust (mean)."
@@ -171,7 +171,7 @@ def test_the_result_is_above_everything(run: Path) -> None:
     ]
 
 
-def test_a_comparison_begins_the_report(run: Path) -> None:
+def test_a_comparison_begins_the_report(run):
     """Its own sentence and tiles, its chart as an image, and its page for the rest."""
     first = {
         "hero": "A settles.",
@@ -187,7 +187,7 @@ def test_a_comparison_begins_the_report(run: Path) -> None:
     assert 'href="compare.html"' in page.html()
 
 
-def test_an_evaluation_has_a_page_with_a_replay(run: Path) -> None:
+def test_an_evaluation_has_a_page_with_a_replay(run):
     flight = two_episodes()
     page = evaluation_page([measure(flight)], flight, "rans evaluate agent")
     assert [section.title for section in page.sections] == ["Replay", "Evaluation"]
@@ -205,7 +205,7 @@ def test_an_evaluation_has_a_page_with_a_replay(run: Path) -> None:
         "compare.json",
     ],
 )
-def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
+def test_what_is_missing_is_left_out(run, kept):
     for file in run.iterdir():
         if file.name != kept:
             file.unlink()
@@ -217,7 +217,7 @@ def test_what_is_missing_is_left_out(run: Path, kept: str) -> None:
     ("share", "passed"),
     [(100.0, True), (SOLVED_SHARE, True), (SOLVED_SHARE - 0.01, False), (0.0, False)],
 )
-def test_as_many_solved_as_are_wanted_are_enough(share: float, passed: bool) -> None:
+def test_as_many_solved_as_are_wanted_are_enough(share, passed):
     measured = measure(two_episodes())
     rows = tuple(
         replace(row, value=share) if row.name == "solved" else row for row in measured.rows
@@ -233,7 +233,7 @@ def test_as_many_solved_as_are_wanted_are_enough(share: float, passed: bool) -> 
     ) is passed
 
 
-def test_no_results_is_an_error(tmp_path: Path) -> None:
+def test_no_results_is_an_error(tmp_path):
     (tmp_path / "config.json").write_text("{}")
     with pytest.raises(ConfigError, match="holds no results"):
         report_from_run(tmp_path)
@@ -257,7 +257,7 @@ def test_no_results_is_an_error(tmp_path: Path) -> None:
     "content",
     ["[3]", '{"rows": 3, "checks": 3, "summary": 3, "controller": 3, "about": 3}'],
 )
-def test_other_content_is_named(run: Path, name: str, content: str) -> None:
+def test_other_content_is_named(run, name, content):
     """Valid JSON that is not what RANS writes there: an error that names the file, or nothing to show."""
     (run / name).write_text(content)
     try:
@@ -266,7 +266,7 @@ def test_other_content_is_named(run: Path, name: str, content: str) -> None:
         assert name in str(error)  # noqa: PT017 - either way is right, a traceback is not
 
 
-def test_validation_findings() -> None:
+def test_validation_findings():
     assert [f.passed for f in validation_section({"checks": [CHECK, LATE]}).facts] == [False, False]
     assert [f.passed for f in validation_section({"checks": [CHECK]}).facts] == [True]
     # A value that is not finite comes as null.
@@ -275,7 +275,7 @@ def test_validation_findings() -> None:
     assert (fact.what, fact.amount) == ("rollout", "– m (tolerance 1e-09)")  # noqa: RUF001
 
 
-def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
+def test_a_comparison_is_its_outcomes_and_what_went_wrong():
     agent = {
         "contestant": "agent",
         "starts": 4,
@@ -312,7 +312,7 @@ def test_a_comparison_is_its_outcomes_and_what_went_wrong() -> None:
 
 
 @pytest.mark.parametrize("picture", ["no picture", "<html/>"])
-def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None:
+def test_a_picture_that_is_none_is_one_sentence(run, picture):
     """Or one that brings a script along."""
     (run / "episode.svg").write_text(picture)
     with pytest.raises(
@@ -321,9 +321,7 @@ def test_a_picture_that_is_none_is_one_sentence(run: Path, picture: str) -> None
         report_from_run(run)
 
 
-def test_two_packages_may_add_to_the_same_file(
-    run: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_two_packages_may_add_to_the_same_file(run, tmp_path_factory, monkeypatch):
     place = tmp_path_factory.mktemp("packages")
     for name in ("sun", "moon"):
         (place / f"{name}_pages.py").write_text(
@@ -337,15 +335,13 @@ def test_two_packages_may_add_to_the_same_file(
             f"[rans.planted_sections]\nevaluation*.json = {name}_pages:section\n"
         )
     monkeypatch.syspath_prepend(str(place))
-    planted: Any = Registry("section", "rans.planted_sections", {}, lambda build: build)
+    planted = Registry("section", "rans.planted_sections", {}, lambda build: build)
     monkeypatch.setattr(report_module, "SECTIONS", planted)
     titles = [section.title for section in report_from_run(run).sections]
     assert {"sun of evaluation.json", "moon of evaluation.json"} <= {*titles}
 
 
-def test_notes_of_a_package_leave_the_headline_to_the_training(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_notes_of_a_package_leave_the_headline_to_the_training(tmp_path, monkeypatch):
     """A section that has found nothing out says no result."""
     (tmp_path / "notes.json").write_text(json.dumps({"author": "Ada"}))
     offered = [("notes.json", lambda file, notes: Section("Notes"))]

@@ -45,11 +45,11 @@ def certified(best: float) -> list[Bound]:
         ("position error, cm", 902 / 3),
     ],
 )
-def test_scores_by_hand(key: str, value: float) -> None:
+def test_scores_by_hand(key, value):
     assert scoreboard(comparison())["agent"][key].value == pytest.approx(value)
 
 
-def test_a_task_to_the_end_of_the_episode_says_how_many_broke_a_limit() -> None:
+def test_a_task_to_the_end_of_the_episode_says_how_many_broke_a_limit():
     """One of three flights is inside a zone at one instant; of a task without limits nothing is said."""
     found = comparison()
     assert "limit broken, %" not in scoreboard(found)["agent"]
@@ -91,9 +91,7 @@ def beside(count: int = 12, /, **others: tuple[float, float]) -> Comparison:
         ({"idle": (1e3, 0.0)}, "ours", "nobody is shown to be quicker and cheaper"),
     ],
 )
-def test_a_comparison_says_first_whom_to_take(
-    others: dict[str, tuple[float, float]], taken: str, relation: str
-) -> None:
+def test_a_comparison_says_first_whom_to_take(others, taken, relation):
     first, *rest = verdict(beside(**others))
     assert first.startswith(f"Take {taken} (")
     assert relation in first
@@ -101,13 +99,13 @@ def test_a_comparison_says_first_whom_to_take(
     assert ("idle (0 %)" in " ".join(rest)) == ("idle" in others)
 
 
-def test_who_does_not_always_arrive_dominates_nobody() -> None:
+def test_who_does_not_always_arrive_dominates_nobody():
     """Quicker and cheaper in eleven of twelve flights; the last one never arrives."""
     found = beside(x=(4.0, 2.0))
     theirs = found.entries[1]
     assert dominations(found) == [("x", "ours")]
 
-    def lost(field: Any) -> Any:
+    def lost(field):
         field = field.copy()
         field[:, 11] = field[0, 11]
         return field
@@ -119,14 +117,14 @@ def test_who_does_not_always_arrive_dominates_nobody() -> None:
     assert "x (91.7 %)" in verdict(found)[-1]
 
 
-def test_the_page_of_a_comparison_says_it_first() -> None:
+def test_the_page_of_a_comparison_says_it_first():
     found = beside(x=(4.0, 2.0), y=(3.0, 1.0))
     assert verdict(found)
     assert page(found).hero == " ".join(verdict(found))
 
 
 @pytest.mark.parametrize("count", [1, 2, 5, 6])
-def test_fewer_than_six_starts_show_nothing(count: int) -> None:
+def test_fewer_than_six_starts_show_nothing(count):
     """x is better from every start, and of five differences all have one sign by chance in one case of sixteen."""
     found = beside(count, x=(4.0, 2.0))
     assert dominations(found) == ([("x", "ours")] if count == 6 else [])
@@ -140,7 +138,7 @@ def test_fewer_than_six_starts_show_nothing(count: int) -> None:
         )
 
 
-def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
+def test_an_advantage_from_a_few_starts_is_not_claimed():
     """Sooner from half of the starts and later from the other half: neither is quicker."""
     found = beside(x=(5.0, 3.0))
     theirs = found.entries[1]
@@ -149,14 +147,14 @@ def test_an_advantage_from_a_few_starts_is_not_claimed() -> None:
     assert "nobody is shown to be quicker and cheaper" in verdict(found)[0]
 
 
-def test_the_mean_of_thrust_is_no_median() -> None:
+def test_the_mean_of_thrust_is_no_median():
     found = comparison()
     found.entries[0].flight.commands[:, 2, 0] = 1.0  # 5 N s: 2, 1 and 5 have a mean of 2.67
     board = scoreboard(found)["agent"]
     assert board["impulse of the episode, N s"].value == pytest.approx(8 / 3)
 
 
-def test_gaps_leave_out_what_has_no_bound() -> None:
+def test_gaps_leave_out_what_has_no_bound():
     """Arrived after 1 and 2 s where nobody can before 0.5 s; a bound of 0 says nothing about thrust."""
     bounds = [
         replace(b, hull=0.0, lower=0.0) if b.horizon and b.start else b for b in certified(0.5)
@@ -172,7 +170,7 @@ def test_gaps_leave_out_what_has_no_bound() -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_multiple_of_the_bound_is_the_median_of_multiples() -> None:
+def test_a_multiple_of_the_bound_is_the_median_of_multiples():
     """1 s over 0.25 s and 2 s over 1 s: 4 and 2; the medians of both, 1.5 s over 0.625 s, would give 2.4."""
     bounds = [
         replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)
@@ -191,7 +189,7 @@ def tables_of(shown: Any) -> dict[str, list[list[Any]]]:
 @pytest.mark.parametrize(
     ("best", "passed", "proven"), [(0.5, True, "0 of 2"), (3.0, False, "0 of 2")]
 )
-def test_the_page_says_whether_a_bound_is_beaten(best: float, passed: bool, proven: str) -> None:
+def test_the_page_says_whether_a_bound_is_beaten(best, passed, proven):
     shown = page(comparison(certified=certified(best)))
     assert (passed, f"flights that beat a certified bound: {0 if passed else 2}") in shown.checks
     assert shown.passed is passed
@@ -201,14 +199,14 @@ def test_the_page_says_whether_a_bound_is_beaten(best: float, passed: bool, prov
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_a_closed_gap_is_proven_optimal() -> None:
+def test_a_closed_gap_is_proven_optimal():
     bounds = [replace(b, upper=b.best) if b.start else b for b in certified(0.5)]
     assert (
         tables_of(page(comparison(certified=bounds)))["The bounds (s and N s)"][0][-1] == "1 of 2"
     )
 
 
-def test_the_file_says_who_settled() -> None:
+def test_the_file_says_who_settled():
     """Settled is not arrived: a flight that leaves again has arrived."""
     found = comparison()
     found.entries[0].flight.states.p.x[-1, 1] -= 1.0

@@ -9,7 +9,7 @@ from validation.speed.flights import enough, flight_rates
 from validation.speed.measurement import Clock
 
 
-def test_rates(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_rates(monkeypatch):
     monkeypatch.setattr("validation.speed.flights._UNITS", {2: (16,)})
     (measured,) = flight_rates(PLATFORM, 8, Clock("cpu", repeats=1, seconds=0.001))
     assert measured.name == "floating-platform, 16x16, CPU, float32"
@@ -18,13 +18,13 @@ def test_rates(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("full_at", [64, 5_000, 300_000])
-def test_a_device_is_full_before_it_is_timed(full_at: int) -> None:
+def test_a_device_is_full_before_it_is_timed(full_at):
     """A device that flies so many at once, in 4 ms however few they are, as a GPU does.
 
     64 flights on a device of 300,000 were timed as 1.9 million steps/s, where 810 million are true.
     """
 
-    def took(count: int) -> float:
+    def took(count):
         return 0.004 * max(1.0, count / full_at)
 
     clock = Clock("cpu", repeats=2, seconds=0.01)

@@ -6,7 +6,7 @@ import pytest
 from validation.speed import latency
 
 
-def test_median_and_99th_percentile_in_microseconds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_median_and_99th_percentile_in_microseconds(monkeypatch):
     """Ten calls of 7 ms to warm up, then a hundred of 1 to 100 ms."""
     took = [7e-3] * 10 + [k * 1e-3 for k in range(100, 0, -1)]
     readings = iter([reading for seconds in took for reading in (50.0, 50.0 + seconds)])

@@ -6,12 +6,12 @@ import torch
 from validation.speed.measurement import Clock
 
 
-def test_warm_up_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warm_up_is_apart(monkeypatch):
     """A clock that the function itself moves: 5 s of compiling once, 2 s a call."""
     now = [0.0]
     calls = []
 
-    def work() -> None:
+    def work():
         now[0] += 2.0 if calls else 7.0
         calls.append(1)
 
@@ -22,7 +22,7 @@ def test_warm_up_is_apart(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(calls) == 4 + 1 + 3 * 5
 
 
-def test_a_clock_tells_the_median(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_tells_the_median(monkeypatch):
     """Repeats of 1, 5 and 3 s a call: 3 s; warm-up and the choice of calls come before."""
     took = iter([0.5, 1.0, 1.0, 5.0, 3.0])
     monkeypatch.setattr(Clock, "_took", lambda *_: next(took))
@@ -30,10 +30,8 @@ def test_a_clock_tells_the_median(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize(("device", "on_gpu"), [("cpu", False), ("cuda", True), ("cuda:1", True)])
-def test_what_is_a_gpu_and_must_be_waited_for(
-    device: str, on_gpu: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    waited: list[int] = []
+def test_what_is_a_gpu_and_must_be_waited_for(device, on_gpu, monkeypatch):
+    waited = []
     monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(1))
     clock = Clock(device)
     clock.wait()

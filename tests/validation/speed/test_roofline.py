@@ -1,13 +1,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 import torch
 
-from rans.fast.engine import Engine
-from rans.tasks import TASKS, GoToPose, GoToPosition
+from rans import TASKS, Engine, GoToPose, GoToPosition
 from tests.support.crafts import ANY_CRAFT
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from validation.speed.roofline import Traffic, main, step_work
@@ -15,7 +13,7 @@ from validation.speed.roofline import Traffic, main, step_work
 DOCS = Path(__file__).parents[3] / "docs"
 
 
-def test_bytes_of_a_step_in_the_plane() -> None:
+def test_bytes_of_a_step_in_the_plane():
     """Counted by hand: six numbers of state, one heading as goal, eight thrusters, ten columns seen."""
     terms = len(Engine(PLATFORM, GoToPose(), 1).term_names)
     assert step_work(Engine(PLATFORM, GoToPose(), 1)).traffic == (
@@ -30,7 +28,7 @@ def test_bytes_of_a_step_in_the_plane() -> None:
     )
 
 
-def test_reals_of_twice_the_size_move_twice_the_bytes() -> None:
+def test_reals_of_twice_the_size_move_twice_the_bytes():
     single, double = (
         step_work(Engine(FLYER, GoToPose(), 1, dtype=dtype))
         for dtype in (torch.float32, torch.float64)
@@ -41,7 +39,7 @@ def test_reals_of_twice_the_size_move_twice_the_bytes() -> None:
         assert (two.read, two.written) == (factor * one.read, factor * one.written)
 
 
-def test_operations_of_a_step_in_the_plane() -> None:
+def test_operations_of_a_step_in_the_plane():
     """Four quadrature nodes and the heading that is seen, none of them used twice."""
     operations = step_work(Engine(PLATFORM, GoToPosition(), 1)).operations
     assert operations["sin"] == operations["cos"] == 4 + 1
@@ -49,12 +47,12 @@ def test_operations_of_a_step_in_the_plane() -> None:
 
 @pytest.mark.parametrize("name", ANY_CRAFT)
 @both_crafts
-def test_every_task_is_counted(craft: Any, name: str) -> None:
+def test_every_task_is_counted(craft, name):
     work = step_work(Engine(craft, TASKS[name](), 1))
     assert work.bytes_moved > 100
     assert work.operations.total() > work.special > 0
 
 
-def test_documentation_has_todays_table(capsys: pytest.CaptureFixture[str]) -> None:
+def test_documentation_has_todays_table(capsys):
     main()
     assert capsys.readouterr().out in (DOCS / "speed.md").read_text("utf-8")

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 import rans.optimal.trajectory.transcription as transcription
-from rans.tasks import TASKS, GoToPosition
+from rans import TASKS, GoToPosition
 from tests.support.engines import PLATFORM
 from validation.speed.solving import solver_rate
 
@@ -22,7 +22,7 @@ class Solver:
         return SimpleNamespace(seconds=seconds, iterations=iterations, solved=solved)
 
 
-def test_a_median_solve_and_the_rate_of_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_median_solve_and_the_rate_of_all_together(monkeypatch):
     """3 in 6 s are 0.5 a second; the mean of 1, 1 and 1/4 would be 0.75, one over the median 1."""
     monkeypatch.setattr(transcription, "Transcription", Solver)
     each, rate = solver_rate(PLATFORM, GoToPosition(), starts=3)
@@ -33,7 +33,7 @@ def test_a_median_solve_and_the_rate_of_all_together(monkeypatch: pytest.MonkeyP
     assert rate.note.startswith("2 of 3 solved, 20 iterations")
 
 
-def test_a_real_solve() -> None:
+def test_a_real_solve():
     each, rate = solver_rate(PLATFORM, GoToPosition(), starts=1)
     assert each.value is not None
     assert rate.value == pytest.approx(
@@ -43,7 +43,7 @@ def test_a_real_solve() -> None:
     assert each.warm_up > 0.0
 
 
-def test_a_task_without_an_optimum_is_a_row_that_says_so() -> None:
+def test_a_task_without_an_optimum_is_a_row_that_says_so():
     [row] = solver_rate(PLATFORM, TASKS["multi-task"](), starts=1)
     assert row.value is None
     assert row.note

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from rans.fast.learn.config import PPOSettings
-from rans.tasks import GoToPose
+from rans import GoToPose, PPOSettings
 from tests.support.engines import PLATFORM
 from validation.speed import training
 from validation.speed.measurement import Clock
@@ -23,9 +22,9 @@ class Timed(Clock):
         return 0.5, 3.0
 
 
-def test_trained_steps_are_those_of_the_whole_rollout(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_trained_steps_are_those_of_the_whole_rollout(monkeypatch):
     """8 environments x 4 steps in half a second, flown and learned from; epochs do not count twice."""
-    done: list[str] = []
+    done = []
     learner = SimpleNamespace(learn=lambda: done.append("learn"))
     monkeypatch.setattr(training, "begin", lambda *_: learner)
     found = trainer_rate(PLATFORM, GoToPose(), SETTINGS, Timed("cpu"))

@@ -17,18 +17,18 @@ def check(value: float) -> Check:
 @pytest.mark.parametrize(
     ("within", "beyond"), [(0.0, math.nan), (1e-3, 1.001e-3), (-1e-3, -1.001e-3), (0.0, -math.inf)]
 )
-def test_beyond_the_tolerance_or_undefined_fails(within: float, beyond: float) -> None:
+def test_beyond_the_tolerance_or_undefined_fails(within, beyond):
     assert check(within).passed
     assert not check(beyond).passed
 
 
-def test_a_report_passes_only_if_all_of_at_least_one_check_do() -> None:
+def test_a_report_passes_only_if_all_of_at_least_one_check_do():
     assert Study("one", (check(0.0),)).passed
     assert not Study("two", (check(0.0), check(1.0))).passed
     assert not Study("none", ()).passed
 
 
-def test_report_as_json_holds_everything_and_no_nan(tmp_path) -> None:
+def test_report_as_json_holds_everything_and_no_nan(tmp_path):
     file = tmp_path / "new" / "report.json"
     curve = Curve("figure", "ours", (1.0, 2.0), (3.0, 4.0))
     checks = check(5e-4), check(math.nan)

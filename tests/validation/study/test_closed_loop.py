@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 import rans.optimal.control.lqr
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from validation.study import closed_loop
 from validation.study.checks import Check, Skipped
@@ -14,7 +14,7 @@ from validation.study.closed_loop import closed_loop_checks
 PLATFORM = load_spacecraft("floating-platform")
 
 
-def test_the_closed_loop_is_the_same_in_both_engines() -> None:
+def test_the_closed_loop_is_the_same_in_both_engines():
     """Four flights of an LQR; of four all of which are solved, Wilson leaves 51 % and more."""
     checks = [c for c in closed_loop_checks(PLATFORM, 1, 4) if isinstance(c, Check)]
     assert all(check.passed for check in checks)
@@ -25,7 +25,7 @@ def test_the_closed_loop_is_the_same_in_both_engines() -> None:
     }
 
 
-def test_a_judge_of_another_mass_breaks_the_closed_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_judge_of_another_mass_breaks_the_closed_loop(monkeypatch):
     """Drake flies a craft of twice the mass with the same controller."""
     true = closed_loop.fly_in_drake
     monkeypatch.setattr(
@@ -38,8 +38,8 @@ def test_a_judge_of_another_mass_breaks_the_closed_loop(monkeypatch: pytest.Monk
     )
 
 
-def test_a_craft_that_no_regulator_steers_is_skipped(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_: object) -> None:
+def test_a_craft_that_no_regulator_steers_is_skipped(monkeypatch):
+    def refuse(*_):
         raise ConfigError("LQR: it cannot be steered.")
 
     monkeypatch.setattr(rans.optimal.control.lqr, "LQR", refuse)

@@ -8,13 +8,8 @@ import pytest
 
 import rans.model.dynamics
 import rans.randomization.valves
+from rans import BodyConditions, Conditions, DisturbanceConditions, ThrusterConditions
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import (
-    BodyConditions,
-    Conditions,
-    DisturbanceConditions,
-    ThrusterConditions,
-)
 from rans.randomization.conditions_file import load_conditions
 from tests.support.worlds import EFFECTS
 from validation.study.checks import Check
@@ -23,7 +18,7 @@ from validation.study.conditions import condition_checks, effect_groups
 CRAFT = load_spacecraft("floating-platform")
 
 
-def test_groups_are_what_is_in_the_conditions() -> None:
+def test_groups_are_what_is_in_the_conditions():
     """By hand, of a mixture: what only the other conditions have is a group too."""
     body = BodyConditions(mass=(0.8, 1.2))
     late = ThrusterConditions(latency=0.1, thrust=0.9)
@@ -35,7 +30,7 @@ def test_groups_are_what_is_in_the_conditions() -> None:
     assert found["all together"] is mixed
 
 
-def test_groups_leave_nothing_out() -> None:
+def test_groups_leave_nothing_out():
     """Everything at once falls into all groups, and perfect conditions into none."""
     groups = effect_groups(EFFECTS["all"])
     assert len(groups) == 11
@@ -45,7 +40,7 @@ def test_groups_leave_nothing_out() -> None:
 
 
 @pytest.mark.slow
-def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_shows_in_its_group_and_in_all_together(monkeypatch):
     true = rans.model.dynamics.wrench_of
     for module in (rans.model.dynamics, rans.randomization.valves):
         monkeypatch.setattr(

@@ -15,7 +15,7 @@ from validation.study.invariants import _silence
 from validation.study.sampling import random_states
 
 
-def test_the_originals_scheme_by_hand() -> None:
+def test_the_originals_scheme_by_hand():
     """One step of 0.5 s, 2 kg pushed by 4 N: velocity first (1 m/s), then position with it (0.5 m)."""
     start = planar()
     end = semi_implicit_euler(start, Wrench(Vec2(4.0, 0.0), 0.25), Body(2.0, (0.5,)), 0.5, 1)
@@ -36,9 +36,7 @@ def test_the_originals_scheme_by_hand() -> None:
         pytest.param("free-flyer", 15.0, marks=pytest.mark.slow),
     ],
 )
-def test_the_default_step_must_gain_a_decade(
-    spacecraft: str, evaluations: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_default_step_must_gain_a_decade(spacecraft, evaluations, monkeypatch):
     """Error is a tenth of that of 50 Hz Euler, whether or not the craft has a wheel, which fills within seconds.
 
     At 5 Hz six nodes in the plane, or a step of three nodes in space, are 30 and 15 forces a second.
@@ -59,7 +57,7 @@ def test_the_default_step_must_gain_a_decade(
     assert ours.y[0] == pytest.approx(good.value * euler.y[0])
 
 
-def test_orders_of_convergence() -> None:
+def test_orders_of_convergence():
     """Halving the step halves the error of Euler's scheme; ours falls 64 times, until it meets rounding."""
     curves = {curve.name: curve for curve in order_curves(load_spacecraft("free-flyer"), 1, 16)}
     euler = curves["semi-implicit Euler"]

@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.model.spacecraft import Spacecraft
 from rans.reference.plant import Plant
 from tests.support.crafts import nasty_planar, nasty_spatial
 from validation.study import dynamics
-from validation.study.checks import Check
 from validation.study.dynamics import (
     disturbance_checks,
     thruster_checks,
@@ -29,7 +27,7 @@ def judge(monkeypatch: pytest.MonkeyPatch, name: str, error: np.ndarray) -> None
 
 
 @both
-def test_the_worst_thruster_is_named(craft: Spacecraft, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_worst_thruster_is_named(craft, monkeypatch):
     """A newton too much for thruster 2 along x, half a newton metre for thruster 3 about the last axis."""
     error = np.zeros((len(craft.thrusters), 3 if craft is PLANE else 6))
     error[2, 0] = 1.0
@@ -41,11 +39,9 @@ def test_the_worst_thruster_is_named(craft: Spacecraft, monkeypatch: pytest.Monk
 
 
 @both
-def test_disturbances_are_as_strong_as_said(
-    craft: Spacecraft, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_disturbances_are_as_strong_as_said(craft, monkeypatch):
     """Up to 0.5 N and 0.1 N m per axis, either way."""
-    given: list[np.ndarray] = []
+    given = []
 
     class Pushed(Plant):
         def advance(
@@ -64,7 +60,7 @@ def test_disturbances_are_as_strong_as_said(
             )
 
     monkeypatch.setattr(dynamics, "Plant", Pushed)
-    checks: list[Check] = disturbance_checks(craft, 1, 60)
+    checks = disturbance_checks(craft, 1, 60)
     assert all(check.passed for check in checks)
     forces = given[0][:, : craft.dimension]
     torques = given[0][:, craft.dimension :]

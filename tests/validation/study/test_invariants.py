@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 import rans.model.dynamics
+from rans import Spacecraft
 from rans.model.dynamics import PlanarState, advance
-from rans.model.spacecraft import Spacecraft
 from tests.support.crafts import nasty_planar, nasty_spatial
 from validation.study import invariants
 from validation.study.invariants import (
@@ -57,7 +57,7 @@ def failed(craft: Spacecraft) -> list[str]:
 
 
 @pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
-def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
+def test_nothing_planted_nothing_found(craft):
     assert failed(craft) == []
 
 
@@ -76,20 +76,18 @@ def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
     ],
     ids=["drag", "momentum", "energy", "work", "superposition", "wind", "drift"],
 )
-def test_every_invariant_finds_what_breaks_it(
-    craft: Spacecraft, motion: Motion, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_every_invariant_finds_what_breaks_it(craft, motion, name, monkeypatch):
     monkeypatch.setattr(invariants, "advance", motion)
     assert name in failed(craft)
 
 
-def test_a_step_in_the_plane_that_is_not_exact_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_step_in_the_plane_that_is_not_exact_is_found(monkeypatch):
     monkeypatch.setattr(invariants, "advance", coarse)
     assert "one substep against eight" in failed(PLANE)
 
 
 @pytest.mark.parametrize("nodes", [1, 2])
-def test_a_lower_order_in_space_is_found(nodes: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lower_order_in_space_is_found(nodes, monkeypatch):
     """Two and four instead of six."""
     rules = rans.model.dynamics.RULES
     monkeypatch.setitem(rules, rans.model.dynamics._SPATIAL_NODES, rules[nodes])

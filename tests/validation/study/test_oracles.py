@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -15,10 +14,10 @@ from validation.study.oracles import spinning_up, tumbling
 from validation.study.sampling import gap, random_states
 
 
-def test_the_numerical_oracle_agrees_with_the_closed_form() -> None:
+def test_the_numerical_oracle_agrees_with_the_closed_form():
     """Five periods of a constant wrench: 1e-13 a step of some ten steps a period, of some metres."""
     start = random_states(2, 5, 4)
-    push: Any = np.array([0.3 + 0.1j, -1.0j, 0.5, 0.2 - 0.7j])
+    push = np.array([0.3 + 0.1j, -1.0j, 0.5, 0.2 - 0.7j])
     spin_up = np.array([0.2, -1.5, 0.7, -0.4])
     craft = load_spacecraft("floating-platform")
     force = craft.mass * np.stack([push.real, push.imag, 0.0 * push.real], axis=1)
@@ -29,7 +28,7 @@ def test_the_numerical_oracle_agrees_with_the_closed_form() -> None:
     assert max(gap(found, spinning_up(start, push, spin_up, 1.0)).values()) < 1e-11
 
 
-def test_the_numerical_oracle_in_space_agrees_with_the_top() -> None:
+def test_the_numerical_oracle_in_space_agrees_with_the_top():
     """Without thrust: the spin of the closed form, and of all else what does not change."""
     moments = np.array([0.2, 0.3, 0.45])
     craft = replace(load_spacecraft("free-flyer"), inertia=tuple(map(tuple, np.diag(moments))))
@@ -52,11 +51,11 @@ def test_the_numerical_oracle_in_space_agrees_with_the_top() -> None:
 
 
 @pytest.mark.slow
-def test_the_worst_top_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_worst_top_is_named(monkeypatch):
     """One of five spins a microradian per second off: the largest counts, whatever the others do."""
     true = oracles.tumbling
 
-    def off(*arguments: Any) -> np.ndarray:
+    def off(*arguments):
         spin = true(*arguments)
         spin[1, 3] += 1e-6
         return spin

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans import Spacecraft, Thruster
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.model.spacecraft import Spacecraft, Thruster
 from tests.support.states import spatial
 from tests.support.torquer import TURNED
 from validation.study.sampling import (
@@ -42,12 +42,12 @@ def couple(force: float, arm: float = 0.5) -> Spacecraft:
 
 
 @pytest.mark.parametrize(("way", "factor"), [(3.0, 1.0), (10.0, 1.0), (25.0, 2.5)])
-def test_long_ways_loosen_in_proportion(way: float, factor: float) -> None:
+def test_long_ways_loosen_in_proportion(way, factor):
     """10 m and less count as they are, 25 m two and a half times."""
     assert reach(planar([0.0, -way])) == factor
 
 
-def test_whatever_has_commands_is_commanded() -> None:
+def test_whatever_has_commands_is_commanded():
     """Thrusters, and a torquer from -1 to 1."""
     start = random_states(2, 0, 5)
     flown = Restless(TURNED, 0).act(start, start, np.zeros((5, 1)))
@@ -55,7 +55,7 @@ def test_whatever_has_commands_is_commanded() -> None:
     assert len({*flown[:, -1]}) == 5
 
 
-def test_gaps_in_the_plane() -> None:
+def test_gaps_in_the_plane():
     """3 and 4 m are 5 m; a heading of 179 degrees and one of -179 differ by 2."""
     a = PlanarState(Vec2(1.0, 1.0), Heading(math.radians(179)), Vec2(0.5, 0.0), 0.3)
     b = PlanarState(Vec2(4.0, 5.0), Heading(math.radians(-179)), Vec2(0.5, -0.25), -0.1)
@@ -65,7 +65,7 @@ def test_gaps_in_the_plane() -> None:
     )
 
 
-def test_gaps_in_space() -> None:
+def test_gaps_in_space():
     """Quaternions of either sign are the same attitude; 60 degrees about y are 60 degrees."""
     half = math.radians(30)
     a = spatial((1.0, 2.0, 3.0), attitude=(-1.0, 0.0, 0.0, 0.0), w=(1.0, 0.0, 0.0))
@@ -80,7 +80,7 @@ def test_gaps_in_space() -> None:
     )
 
 
-def test_the_worst_is_named() -> None:
+def test_the_worst_is_named():
     """Of states the third; of flights the first, in its fourth control period."""
     ours = planar([0.0, 0.1, -0.5, 0.2])
     position, *others = gap_checks("layer", ours, planar(np.zeros(4)), 0.4, "Because.")
@@ -94,7 +94,7 @@ def test_the_worst_is_named() -> None:
     assert position.worst == "flight 0, period 3"
 
 
-def test_random_states_fill_their_ranges() -> None:
+def test_random_states_fill_their_ranges():
     """Of a thousand the largest are within some percent of the bounds, and signs are even."""
     for dimension in (2, 3):
         states = random_states(dimension, 3, 1000)  # type: ignore[arg-type]

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
+from rans import Timing
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.reference.plant import Plant
 from validation.study import engines, flights, invariants, onsets, oracles
 from validation.study.checks import Check
@@ -47,7 +47,7 @@ def tolerances(checks: Any) -> Counter[float]:
 
 
 @pytest.fixture
-def _short(monkeypatch: pytest.MonkeyPatch) -> None:
+def _short(monkeypatch) -> None:
     """Flights of 1 s, whose bounds are those of 25 s near the goal: within 10 m nothing is loosened."""
     for module in (flights, engines):
         monkeypatch.setattr(
@@ -62,7 +62,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize(
     ("craft", "own"), [(PLATFORM, PLANE), (FLYER, SPACE)], ids=["plane", "space"]
 )
-def test_tolerances_of_every_quick_layer(craft: Any, own: dict[str, dict[float, int]]) -> None:
+def test_tolerances_of_every_quick_layer(craft, own):
     scope = Scope(craft, seed=1, states=4, flights=1)
     found = {name: tolerances(look(scope)) for name, look in LAYERS.items()}
     assert found == BOTH | own
@@ -70,9 +70,7 @@ def test_tolerances_of_every_quick_layer(craft: Any, own: dict[str, dict[float, 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("_short")
-def test_a_craft_without_thrusters_passes_and_names_what_it_lacks(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_craft_without_thrusters_passes_and_names_what_it_lacks(monkeypatch):
     """Three wheels alone, in every layer that computes with thrusters or with what effectors store."""
     monkeypatch.setattr(invariants, "_COAST", 0.2)
     # Half of the seconds, and no thruster takes part in them.
@@ -93,7 +91,7 @@ def test_a_craft_without_thrusters_passes_and_names_what_it_lacks(
     assert Plant(scope.craft).thruster_wrenches().shape == (0, 6)
 
 
-def test_the_float32_engine_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_float32_engine_rounds(monkeypatch):
     """Its difference from float64 is that of seven digits: less would be no float32, more an error."""
     monkeypatch.setattr(engines, "_TIMING", Timing(episode_steps=5))
     values = {
@@ -106,10 +104,10 @@ def test_the_float32_engine_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
 # What is looked at.
 
 
-def test_one_layer_may_be_a_slow_one_even_if_quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[Scope] = []
+def test_one_layer_may_be_a_slow_one_even_if_quick(monkeypatch):
+    asked = []
 
-    def layer(scope: Scope) -> list[Check]:
+    def layer(scope):
         asked.append(scope)
         return [Check("of cuda", 0.5, 1.0, "m", "Because.")]
 

@@ -18,7 +18,7 @@ import validation.study.engines
 import validation.study.flights
 import validation.study.oracles
 import validation.study.sampling
-from rans.model.spacecraft import Spacecraft
+from rans import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant
 from tests.support.mutations import MUTATIONS, PLANE, SHARED, SHARING, SPACE, Patch
@@ -27,7 +27,7 @@ from validation.study.study import LAYERS, Scope
 
 
 @pytest.fixture(autouse=True)
-def _short_coasts(monkeypatch: pytest.MonkeyPatch) -> None:
+def _short_coasts(monkeypatch) -> None:
     """What breaks a law does so within a second too."""
     monkeypatch.setattr("validation.study.invariants._COAST", 1.0)
 
@@ -63,15 +63,13 @@ def each(errors: Sequence[tuple[Spacecraft, Patch, str]]) -> Any:
 
 
 @each(MUTATIONS)
-def test_found_where_it_lies(craft: Spacecraft, patch: Patch, layer: str, monkeypatch: Any) -> None:
+def test_found_where_it_lies(craft, patch, layer, monkeypatch):
     patch(monkeypatch)
     assert next(failures(craft), ("nowhere", ""))[0] == layer
 
 
 @each(SHARED)
-def test_found_although_drake_shares_it(
-    craft: Spacecraft, patch: Patch, layer: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_found_although_drake_shares_it(craft, patch, layer, monkeypatch):
     patch(monkeypatch)
     assert layer == "onsets"
     assert list(found_in_what_is_shared(Scope(craft, seed=1, states=8, flights=1)))
@@ -80,7 +78,7 @@ def test_found_although_drake_shares_it(
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:spacecraft 'nasty-planar'. its 1 thruster cannot push")
 @pytest.mark.parametrize(("craft", "seed"), [("free-flyer-shared", 1), ("one thruster", 2)])
-def test_what_is_shared_is_right_for_any_valves_and_seed(craft: str, seed: int) -> None:
+def test_what_is_shared_is_right_for_any_valves_and_seed(craft, seed):
     alone = replace(PLANE, thrusters=PLANE.thrusters[:1])
     scope = Scope(
         alone if craft == "one thruster" else load_spacecraft(craft), seed, states=8, flights=1
@@ -90,7 +88,7 @@ def test_what_is_shared_is_right_for_any_valves_and_seed(craft: str, seed: int) 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", [SHARING, SPACE], ids=name)
-def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
+def test_nothing_planted_nothing_found(craft):
     assert list(failures(craft)) == []
 
 
@@ -108,10 +106,10 @@ def test_nothing_planted_nothing_found(craft: Spacecraft) -> None:
     ],
     ids=["mass", "centre of mass", "force"],
 )
-def test_a_millionth_is_enough(change: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_millionth_is_enough(change, monkeypatch):
     """Drake flies a spacecraft that differs from ours by next to nothing."""
 
-    def other(craft: Spacecraft, *arguments: Any) -> Plant:
+    def other(craft, *arguments):
         return Plant(replace(craft, **change), *arguments)
 
     monkeypatch.setattr(validation.study.dynamics, "Plant", other)

@@ -5,13 +5,10 @@ Hypothesis shrinks a failure to the simplest spacecraft that shows it, and the m
 
 from __future__ import annotations
 
-from typing import Literal
-
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis import strategies as st
 
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from tests.support.crafts import spacecraft
 from validation.study.checks import Check
@@ -21,14 +18,14 @@ _SHORT = ("thrusters", "commands", "mass", "accelerations", "period", "invariant
 
 
 @pytest.fixture(autouse=True)
-def _short_coasts(monkeypatch: pytest.MonkeyPatch) -> None:
+def _short_coasts(monkeypatch) -> None:
     """What breaks a law does so within a second too."""
     monkeypatch.setattr("validation.study.invariants._COAST", 1.0)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("dimension", "examples"), [(2, 20), (3, 2)])
-def test_any_spacecraft(dimension: Literal[2, 3], examples: int) -> None:
+def test_any_spacecraft(dimension, examples):
     # A failure is not explained, which takes longer than to find it.
     @settings(
         max_examples=examples,
@@ -36,7 +33,7 @@ def test_any_spacecraft(dimension: Literal[2, 3], examples: int) -> None:
         phases=[Phase.generate, Phase.shrink],
     )
     @given(craft=spacecraft(dimension), seed=st.integers(0, 2**32 - 1))
-    def check(craft: Spacecraft, seed: int) -> None:
+    def check(craft, seed):
         scope = Scope(craft, seed, states=8, flights=1)
         for name in _SHORT:
             failed = [c for c in LAYERS[name](scope) if isinstance(c, Check) and not c.passed]
