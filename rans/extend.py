@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from rans.compile.preprocess import NetworkProgram as NetworkProgram
     from rans.compile.preprocess import PolicyPrograms as PolicyPrograms
     from rans.compile.step_program import StepProgram as StepProgram
-    from rans.deploy.c.files import write_c as write_c
     from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.contract import contract as contract
     from rans.deploy.contract import flights_of_training as flights_of_training
     from rans.deploy.contract import golden_pairs as golden_pairs
-    from rans.deploy.numpy_file import write_numpy as write_numpy
+    from rans.deploy.forms import FORMATS as FORMATS
+    from rans.deploy.forms import Format as Format
     from rans.deploy.program import Ports as Ports
     from rans.effectors.effector import Action as Action
     from rans.effectors.effector import Begun as Begun
@@ -143,6 +143,7 @@ if TYPE_CHECKING:
     from rans.model.fields import where as where
     from rans.model.fields import within as within
     from rans.model.fields import wrap as wrap
+    from rans.model.operations import Dialect as Dialect
     from rans.model.random import Draws as Draws
     from rans.model.random import Random as Random
     from rans.model.random import seed_words as seed_words
@@ -168,6 +169,7 @@ if TYPE_CHECKING:
     from rans.policy.preprocess import ColumnExecutor as ColumnExecutor
     from rans.policy.preprocess import TorchPreprocessor as TorchPreprocessor
     from rans.policy.program import Program as Program
+    from rans.policy.program import RowStep as RowStep
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress
     from rans.progress import Stages as Stages

@@ -33,13 +33,6 @@ class Code(str):
         return cls(value) if isinstance(value, cls | int | float) else cls.word(value)
 
 
-class C(Code):
-    """C99, and the preprocessor, which also reads trigraphs."""
-
-    __slots__ = ()
-    meaningful = re.compile(r'\*/|/\*|\\|\?\?|"')
-
-
 class Python(Code):
     """Python, in a docstring."""
 

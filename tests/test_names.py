@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_c_code.text import C
 
 import rans
 from rans import ConfigError, PPOSettings, Timing
@@ -21,7 +22,7 @@ from rans.deploy.export import write_agent, write_export
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.files import write_json
 from rans.flight import fly
-from rans.languages import C, Code, Python, Toml
+from rans.languages import Code, Python, Toml
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.spacecraft_draft import commented
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml

@@ -24,7 +24,6 @@ from rans.tasks.derived import check_dimension
 
 if TYPE_CHECKING:
     from rans.api.pages import Replay
-    from rans.deploy.export import Form
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
@@ -218,7 +217,7 @@ class Agent(AgentData):
         playground(self.run, seed, episode).write(file)
         return file
 
-    def export(self, output: str | Path, format: Form = "rans", **options: Any) -> Path:
+    def export(self, output: str | Path, format: str = "rans", **options: Any) -> Path:
         """Export the agent for other software, and return the folder; options as for `rans.export`."""
         from rans.api.pages import export
 

@@ -294,14 +294,15 @@ def exported(
     prefix: str = "",
 ) -> tuple[Path, dict[str, Any]]:
     """Write an export and return its folder and card; see `export`, whose arguments these are."""
-    from rans.deploy.export import EXPORTERS, write_export
-    from rans.deploy.forms import forms
+    from rans.deploy.export import EXPORTERS, SAVED, write_export
+    from rans.deploy.forms import FORMATS
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.fly.exported import is_exported
 
     count = whole("episodes", episodes)
-    one_of("format", format, forms())
-    if prefix and not (format in ("c", "c8") and re.fullmatch(r"[a-zA-Z]\w{0,30}", prefix, re.A)):
+    one_of("format", format, (*SAVED, *FORMATS))
+    takes_prefix = format not in SAVED and FORMATS[format].is_prefixed
+    if prefix and not (takes_prefix and re.fullmatch(r"[a-zA-Z]\w{0,30}", prefix, re.A)):
         raise ConfigError(
             "name is the prefix of names in C, of at most 31 letters, digits and underscores, and needs the format "
             f"c or c8, got {brief(prefix)} for {format}."

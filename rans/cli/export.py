@@ -9,7 +9,6 @@ from tyro.conf import arg
 
 from rans.api.pages import export, exported
 from rans.cli.door import Options, command_of, word
-from rans.files import read_json, write_json
 from rans.terminal import Terminal, doing
 
 
@@ -35,6 +34,7 @@ class Export(Options):
     def run(self) -> int:
         """Write the export and print its files and what to run next; the exit code is 0."""
         from rans.deploy.export import solved_percent
+        from rans.deploy.forms import FORMATS
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import contestant
 
@@ -54,14 +54,8 @@ class Export(Options):
             Terminal().suggest(f"cd {shlex.quote(str(output))} && python agent.py")
         elif self.format == "onnx":
             Terminal().suggest(shlex.join(["rans", "evaluate", str(output)]))
-        if self.format == "c":
-            from rans.deploy.c.compiler import compiled_check
-
-            # The contract says what the compiler here has found, for dossiers.
-            contract = read_json(output / "contract.json")
-            contract["c"] = contract.get("c", {}) | {"checked": compiled_check(output)}
-            write_json(output / "contract.json", contract)
-            Terminal().say(contract["c"]["checked"])
+        if self.format in FORMATS and (check := FORMATS[self.format].check):
+            Terminal().say(check(output))
         if card["episodes"] != self.episodes:
             Terminal().say(f"The card keeps its metrics from {card['episodes']:,} flights.")
         return 0

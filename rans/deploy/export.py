@@ -6,25 +6,19 @@ Forms differ in files alone: contract, golden pairs and card are those of the sa
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any, Protocol, get_args
+from typing import Any, Protocol
 
-import torch
-
-from rans.deploy.c.compiler import stack_of
-from rans.deploy.c.compressed import in_steps
-from rans.deploy.c.files import C_FILES, write_c
 from rans.deploy.contract import (
     FLIGHTS,
     contract,
     flights_of_training,
     golden,
 )
-from rans.deploy.forms import FORMATS, Form
-from rans.deploy.numpy_file import write_numpy
-from rans.deploy.onnx_file import write_onnx
+from rans.deploy.forms import FORMATS
 from rans.deploy.program import Ports, agent_program
 from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
@@ -49,8 +43,6 @@ from rans.files import (
     write_text,
 )
 from rans.model.spacecraft import Spacecraft
-from rans.policy.architecture import EXTRACTOR
-from rans.policy.network import Network
 from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.structure import LARGEST_TOML
@@ -81,15 +73,11 @@ EXPORTERS: Registry[Exporter] = Registry(
 )
 """What installed packages export beside agents of RANS: by `ContestantName.kind`, and spacecraft."""
 
-_FILES: dict[str, tuple[str, ...]] = {
+SAVED: dict[str, tuple[str, ...]] = {
     "sb3": ("policy.zip", "config.json"),
     "rans": (AGENT, "config.json"),
-    "onnx": ("agent.onnx",),
-    "numpy": ("agent.py", "agent.npz"),
-    "c": C_FILES,
-    "c8": C_FILES,
 }
-"""Files of the agent, by its form."""
+"""Forms that are the agent's own weights, and their files; `FORMATS` are printed from its program."""
 
 
 def write_export(
@@ -107,8 +95,7 @@ def write_export(
 
     "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "sb3":
     policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx": agent.onnx, for
-    any runtime; "numpy": agent.py and agent.npz, which need NumPy only; "c": agent.h and agent.c, which need
-    nothing, and agent_check.c; "c8": the same with weights of a byte. Beside them
+    any runtime; "numpy": agent.py and agent.npz, which need NumPy only; others are of packages. Beside them
     spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
     form, so that several may share a folder. Without a name an agent that was exported before keeps its own; a
     trained one has that of the folder. Everything is written anew: nothing that was hidden in the run's files is
@@ -116,7 +103,7 @@ def write_export(
 
     For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
     a multi-task agent, with each of its tasks; 0: there is no card. An agent that was exported before keeps its
-    card. The prefix is that of `rans.deploy.c.files.write_c`, and the spec the contestant's text, of which the
+    card. The prefix is that of a `Format` which takes one, and the spec the contestant's text, of which the
     contract's evidence is.
 
     Raises:
@@ -142,9 +129,10 @@ def write_export(
     if episodes:
         card = {"name": name, "task": config.task, "spacecraft": craft.name} | _card(source)
     saved = read_policy(source.agent_file)
-    if form == "c8":
+    reduced = None if form in SAVED else FORMATS[form].reduced
+    if reduced is not None:
         # From here on this is the agent: golden pairs are its own.
-        saved = saved._replace(network=_rounded(saved.network))
+        saved = saved._replace(network=reduced(saved.network))
         loaded = loaded._replace(controller=Agent(saved.network, loaded.controller.name, craft))
     network = saved.network
     text = read_text(source.spacecraft_file, LARGEST_TOML)
@@ -200,19 +188,23 @@ def solved_percent(card: dict[str, Any]) -> float:
     return min((float(figures["solved"][0]) for figures in by_task.values()), default=100.0)
 
 
+def stack_of(folder: Path) -> int | None:
+    """Bytes of stack that agent.h in a folder states; None: there is none, or no compiler measured it."""
+    file = folder / "agent.h"
+    line = re.search(r"^#define \w+_STACK (\d+)", read_text(file), re.M) if file.exists() else None
+    return int(line[1]) if line else None
+
+
 def check_alone(folder: Path, form: str, pairs: str) -> None:
     """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
     if RunFolder(folder).metrics_file.exists():
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
-    # Forms of installed packages are written into agent.FORM, or several files that end so.
-    names = dict.fromkeys(name for names in _FILES.values() for name in names)
-    names |= dict.fromkeys(sorted(file.name for file in folder.glob("agent[._]*")))
+    own = SAVED.get(form) or FORMATS[form].files
+    agents = sorted(file.name for file in folder.glob("agent[._]*"))
     others = [
         name
-        for name in names
-        if name not in _FILES.get(form, ())
-        and not name.endswith(f".{form}")
-        and (folder / name).exists()
+        for name in ("policy.zip", "config.json", *agents)
+        if name not in own and not name.endswith(f".{form}") and (folder / name).exists()
     ]
     file = inside(folder, "golden.json")
     if others and not (file.exists() and read_text(file) == pairs):
@@ -236,23 +228,14 @@ def write_agent(
 ) -> None:
     """The agent alone, in a form of `write_export`; the settings are those that SB3 would train it on with.
 
-    Of golden pairs the form "c" makes a program that checks it. Only programs give commands in the craft's
-    ranges: the other forms hold a policy, whose outputs are 0 to 1.
+    Only programs give commands in the craft's ranges: the other forms hold a policy, whose outputs are 0 to 1.
     """
-    # Each form has its own writer; what packages add is in `FORMATS`.
     network = saved.network
-    ports = Ports.of(network.architecture)
-    if form == "onnx":
-        about = {"what": title, "contract": contract}
-        write_onnx(folder / "agent.onnx", agent_program(network, craft), ports, about)
-    elif form == "numpy":
-        write_numpy(folder, agent_program(network, craft), ports, title)
-    elif _FILES.get(form) is C_FILES:
-        program = agent_program(network, craft)
-        write_c(folder, program, ports, title, contract, pairs, prefix)
-    elif form not in get_args(Form):
-        write = FORMATS[form]
-        write(folder, agent_program(network, craft), ports, title, contract, pairs)
+    if form not in SAVED:
+        write = FORMATS[form].write
+        ports = Ports.of(network.architecture)
+        more = {"prefix": prefix} if prefix else {}
+        write(folder, agent_program(network, craft), ports, title, contract, pairs, **more)
     elif form == "rans":
         content = actor_bytes(network.architecture, network.weights(), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
@@ -267,24 +250,6 @@ def write_agent(
             settings,
             saved.steps,
         )
-
-
-def _rounded(network: Network) -> Network:
-    """A network whose layers have weights in whole steps of the largest of their row."""
-    tensors = {
-        name: torch.from_numpy(in_steps(x.numpy()))
-        if name.startswith(EXTRACTOR) and x.ndim == 2
-        else x
-        for name, x in network.weights().items()
-    }
-    # Of an on/off thruster the difference of both outputs is what is exported.
-    last = tensors["action_net.weight"]
-    folded, _ = network.architecture.last.folded(last, tensors["action_net.bias"])
-    rounded = torch.from_numpy(in_steps(folded.numpy()))
-    if len(folded) < len(last):
-        rounded = torch.stack([torch.zeros_like(rounded), rounded], dim=1).flatten(0, 1)
-    tensors["action_net.weight"] = rounded
-    return Network(network.architecture, tensors)
 
 
 def _agent_name(run: RunFolder) -> str:

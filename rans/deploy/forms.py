@@ -1,23 +1,21 @@
-"""Forms of exported agents by name: those of the core, and those that installed packages add."""
+"""Formats of exported agents by name: those printed from an agent's program, also by packages."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Protocol, get_args
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from rans.registry import Registry
 
 if TYPE_CHECKING:
     from rans.deploy.program import Ports
+    from rans.policy.network import Network
     from rans.policy.program import Program
-
-Form = Literal["sb3", "rans", "onnx", "numpy", "c", "c8"]
-"""Forms of the core; `forms` has those of packages too."""
 
 
 class ProgramWriter(Protocol):
-    """Writes an agent in a form, into the file agent.FORM; see `rans.deploy.c.files.write_c` for the arguments."""
+    """Writes an agent in a form, into the file agent.FORM or those of its `Format`."""
 
     def __call__(
         self,
@@ -28,19 +26,32 @@ class ProgramWriter(Protocol):
         contract: str,
         pairs: Mapping[str, Any] | None = ...,
     ) -> None:
-        """Write the program of an agent."""
+        """Write the program of an agent, with a title, its contract and golden pairs (`rans.deploy.contract`)."""
         ...
 
 
-FORMATS: Registry[ProgramWriter] = Registry(
+class Format(NamedTuple):
+    """A form of exported agents: what writes it, and what differs from other forms."""
+
+    write: Callable[..., None]
+    """A `ProgramWriter`."""
+    files: tuple[str, ...] = ()
+    """Names of its files that do not end in .FORM."""
+    reduced: Callable[[Network], Network] | None = None
+    """What makes the network that is exported of an agent's; golden pairs are of that one. None: its own."""
+    is_prefixed: bool = False
+    """Whether it takes ``prefix``, which begins the public names in its files."""
+    check: Callable[[Path], str] | None = None
+    """What checks the files in a folder, and says the result as a sentence."""
+
+
+FORMATS: Registry[Format] = Registry(
     kind="export format",
     group="rans.export_formats",
-    built_in={},
-    checked=lambda write: write,
+    built_in={
+        "onnx": "rans.deploy.onnx_file:write_onnx",
+        "numpy": "rans.deploy.numpy_file:NUMPY_FILES",
+    },
+    checked=lambda found: found if isinstance(found, Format) else Format(found),
 )
-"""Forms that installed packages add."""
-
-
-def forms() -> tuple[str, ...]:
-    """Names of all forms, those of packages that are not installed too."""
-    return tuple(dict.fromkeys((*get_args(Form), *FORMATS)))
+"""Formats by name, of a `Format` or a `ProgramWriter`."""

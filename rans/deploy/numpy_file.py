@@ -8,14 +8,16 @@ from collections import Counter
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from rans.deploy.forms import Format
 from rans.deploy.program import Ports
 from rans.files import replace_file, write_text
 from rans.languages import Python
 from rans.model.operations import NUMPY, of_row
-from rans.policy.program import Program, Step
+from rans.policy.program import Program, RowStep
 
 _OF_TABLES: dict[str, str] = {
     "Concat": "np.concatenate(({0},), axis=-1)",
@@ -38,7 +40,7 @@ _LINE = 110
 """Longest operation that is written within another, and longest line; characters."""
 
 
-def write_numpy(folder: Path, program: Program, ports: Ports, title: str) -> None:
+def write_numpy(folder: Path, program: Program, ports: Ports, title: str, *_: Any) -> None:
     """Write agent.py, whose class ``Agent`` flies, and agent.npz; `ConfigError` where the disk refuses."""
     frame = (resources.files("rans") / "data/export/agent.py.txt").read_text("utf-8")
     lines, tables = printed(program)
@@ -63,6 +65,10 @@ def write_numpy(folder: Path, program: Program, ports: Ports, title: str) -> Non
             np.savez_compressed(stream, allow_pickle=False, **stored)
 
     replace_file(folder / "agent.npz", write)
+
+
+NUMPY_FILES = Format(write_numpy, ("agent.py", "agent.npz"))
+"""The form "numpy"."""
 
 
 def printed(program: Program) -> tuple[list[str], list[str]]:
@@ -109,7 +115,7 @@ def _broken(line: str) -> str:
     )
 
 
-def _text(step: Step, program: Program, texts: Mapping[str, str]) -> str:
+def _text(step: RowStep, program: Program, texts: Mapping[str, str]) -> str:
     """The operation on its inputs as they are known: by name, or written out."""
     inputs = [texts.get(name, name) for name in step.inputs]
     whole = program.constants.get(step.inputs[-1], np.zeros(()))

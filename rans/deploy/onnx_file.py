@@ -18,8 +18,15 @@ FORMAT = 8
 """Versions of operators and of the file, those of ONNX 1.12 of 2022: runtimes on robots are old."""
 
 
-def write_onnx(file: Path, program: Program, ports: Ports, about: Mapping[str, str]) -> None:
-    """Write the program with inputs and outputs of any number of rows, and texts about it as metadata.
+def write_onnx(
+    folder: Path,
+    program: Program,
+    ports: Ports,
+    title: str,
+    contract: str,
+    pairs: Mapping[str, Any] | None = None,
+) -> None:
+    """Write agent.onnx with inputs and outputs of any number of rows, and title and contract as metadata.
 
     MissingPackage where the package onnx is missing, ConfigError where the disk refuses.
     """
@@ -43,15 +50,13 @@ def write_onnx(file: Path, program: Program, ports: Ports, about: Mapping[str, s
     if ports.memory:
         takes.append(rows("memory", ports.memory))
         gives.append(rows("memory_out", ports.memory))
-    graph = helper.make_graph(
-        nodes, "agent", takes, gives, tables, doc_string=about.get("what", "")
-    )
+    graph = helper.make_graph(nodes, "agent", takes, gives, tables, doc_string=title)
     model = helper.make_model(
         graph,
         producer_name="rans",
         ir_version=FORMAT,
         opset_imports=[helper.make_opsetid("", OPSET)],
     )
-    helper.set_model_props(model, dict(about))
+    helper.set_model_props(model, {"what": title, "contract": contract})
     onnx.checker.check_model(model, full_check=True)
-    replace_file(file, lambda draft: draft.write_bytes(model.SerializeToString()))
+    replace_file(folder / "agent.onnx", lambda draft: draft.write_bytes(model.SerializeToString()))

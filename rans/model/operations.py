@@ -98,14 +98,6 @@ def of_row(onnx: str) -> tuple[str, Kind]:
     return name, "real" if "real" in OPERATIONS[name].kinds else "bool"
 
 
-def is_truth(onnx: str) -> bool:
-    """Whether an operation of rows gives truth values."""
-    if onnx not in ROWS:
-        return False
-    name, kind = of_row(onnx)
-    return (OPERATIONS[name].result or kind) == "bool"
-
-
 def _over(a: float, b: float) -> float:
     """Quotient as NumPy's: infinite or not a number over zero, which has a sign."""
     return a / b if b else a * math.copysign(math.inf, b)
@@ -199,32 +191,6 @@ class Dialect:
 
 _OF_ROWS = ("clip", "cast", "identity", "round", "relu", "sigmoid", "elu")
 """Operations that no symbol has."""
-_WITHOUT_ONNX = tuple(name for name, operation in OPERATIONS.items() if not operation.onnx)
-
-C = Dialect(
-    "C",
-    "{0} {sign} {1}",
-    "{name}f",
-    ("real", "bool"),
-    _WITHOUT_ONNX,
-    {
-        "neg": "-{0}",
-        "==": "{0} >= {1} && {0} <= {1}",  # flight software forbids == of floats (-Wfloat-equal)
-        "where": "{0} ? {1} : {2}",
-        "maximum": "fmaxf({0}, {1})",
-        "minimum": "fminf({0}, {1})",
-        "abs": "fabsf({0})",
-        "clip": "fminf(fmaxf({0}, {1}), {2})",
-        "cast": "(float){0}",
-        "identity": "{0}",
-        "round": "rintf({0})",
-        "relu": "fmaxf({0}, 0.0F)",
-        "sigmoid": "0.5F + 0.5F * tanhf(0.5F * {0})",
-        "elu": "{0} > 0.0F ? {0} : expm1f(fminf({0}, 0.0F))",
-    },
-    bools={"&": "{0} && {1}", "|": "{0} || {1}"},
-)
-"""C99 in single precision, as agent.c has it; a truth value is an int."""
 
 NUMPY = Dialect(
     "NumPy",

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 
 from rans.model.fields import Field
-from rans.model.operations import OPERATIONS, Untraceable
+from rans.model.operations import OPERATIONS, ROWS, Dialect, Untraceable, of_row
 from rans.model.trace import Symbol, ordered
 
 
 @dataclass(frozen=True)
-class Step:
+class RowStep:
     """One operation, by ONNX's name and with its meaning; or a layer with its activation, "Dense".
 
     Inputs of a layer are a row, weights (o, i) and biases (o,); its attributes the number of ``units`` o and the
@@ -31,6 +31,21 @@ class Step:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
     attributes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def is_of_numbers(self) -> bool:
+        """Whether the operation is one on single numbers, entry by entry, and not on whole rows and tables."""
+        return self.operation in ROWS
+
+    @property
+    def is_truth(self) -> bool:
+        """Whether an operation on single numbers gives truth values, as comparisons do."""
+        name, kind = of_row(self.operation)
+        return (OPERATIONS[name].result or kind) == "bool"
+
+    def text(self, dialect: Dialect, *operands: str) -> str:
+        """An operation on single numbers as an expression of a language."""
+        return dialect.text(*of_row(self.operation), *operands)
 
 
 class Program:
@@ -43,7 +58,7 @@ class Program:
     """
 
     def __init__(self) -> None:
-        self.steps: list[Step] = []
+        self.steps: list[RowStep] = []
         self.constants: dict[str, np.ndarray] = {}
         self.parameters: dict[str, tuple[int, ...]] = {}
         self._single: dict[tuple[str, int], list[str]] = {}
@@ -62,7 +77,7 @@ class Program:
     def apply(self, operation: str, *inputs: str, name: str = "", **attributes: Any) -> str:
         """The value of an operation; a name is for readers, and for executors that ask for this row."""
         output = name or f"x{len(self.steps)}"
-        self.steps.append(Step(operation, inputs, (output,), attributes))
+        self.steps.append(RowStep(operation, inputs, (output,), attributes))
         return output
 
     def split(self, value: str, widths: Sequence[int], names: Sequence[str] = ()) -> list[str]:
@@ -78,7 +93,7 @@ class Program:
             self.apply("Identity", value, name=outputs[0])
         else:
             sizes = self.constant([widths[index] for index in nonempty], dtype=np.int64)
-            self.steps.append(Step("Split", (value, sizes), tuple(outputs), {"axis": -1}))
+            self.steps.append(RowStep("Split", (value, sizes), tuple(outputs), {"axis": -1}))
         pieces = iter(outputs)
         return [next(pieces) if width else "" for width in widths]
 
@@ -165,7 +180,7 @@ class Program:
         """Whether one of its steps makes this value."""
         return any(name in step.outputs for step in self.steps)
 
-    def needed(self, outputs: Iterable[str], computed: Iterable[str] = ()) -> list[Step]:
+    def needed(self, outputs: Iterable[str], computed: Iterable[str] = ()) -> list[RowStep]:
         """The steps that these values need, once others are known.
 
         Raises:

@@ -28,11 +28,11 @@ from rans.model.fields import (
     within,
 )
 from rans.model.trace import Symbol, Untraceable
-from rans.policy.program import Program, Step, inputs
+from rans.policy.program import Program, RowStep, inputs
 
 Row = np.ndarray
 """Fields of one spacecraft, an array of objects with the shape of the ONNX value but for its first axis, of N."""
-Dense = Callable[[Step, Sequence[Field]], Sequence[Field]]
+Dense = Callable[[RowStep, Sequence[Field]], Sequence[Field]]
 """Computes the outputs of a layer from its inputs."""
 Gather = Callable[[str, Sequence[Field], np.ndarray], Sequence[Field] | None]
 """Chooses n numbers by the side: from the step's name, the numbers, and a table (S, n) of indices into them.
@@ -196,7 +196,7 @@ class _Stages:
         steps = program.needed(requested, inputs)
         self._uses = Counter([*requested, *(name for step in steps for name in step.inputs)])
 
-    def through(self, step: Step, row: Sequence[Field]) -> Sequence[Field]:
+    def through(self, step: RowStep, row: Sequence[Field]) -> Sequence[Field]:
         """Record a layer in `stages`, and give inputs that stand for its outputs; see `Dense`.
 
         A layer is joined to the stage before only if nobody else reads that stage's outputs, since these are then
@@ -223,7 +223,7 @@ def _row(values: Iterable[Field], shape: tuple[int, ...] | None = None) -> Row:
     return row if shape is None else row.reshape(shape)
 
 
-def _result(step: Step, arguments: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
+def _result(step: RowStep, arguments: Sequence[Any], dense: Dense, gather: Gather | None) -> Any:
     """Value of a step, an array of fields, or its values for a split; new operations are a case here."""
     operation = step.operation
     if operation in EACH:

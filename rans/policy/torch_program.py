@@ -10,7 +10,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.model.fields import Field
-from rans.policy.program import Program, Step
+from rans.policy.program import Program, RowStep
 from rans.policy.scalars import EACH
 
 
@@ -46,7 +46,7 @@ class TorchProgram:
         return values[self._result]
 
 
-def _computed(step: Step, *arguments: Any) -> Any:
+def _computed(step: RowStep, *arguments: Any) -> Any:
     """Value of a step, or its values for a split."""
     if step.operation in EACH:
         return EACH[step.operation](*arguments)

@@ -210,14 +210,14 @@ def test_a_copy_of_the_sources_that_is_not_installed(
 def test_files_in_forms_of_packages_are_another_agents_too(tmp_path: Path) -> None:
     """A form that a package adds writes agent.FORM, or files that end so; its own are written over."""
     (tmp_path / "golden.json").write_text("of another")
-    for name in ("agent.fmu", "agent.1.csv", "agent.2.csv"):
+    for name in ("agent.fmu", "agent.1.px4", "agent.2.px4"):
         (tmp_path / name).write_text("")
-    with pytest.raises(ConfigError, match=r"holds another agent's agent\.1\.csv and agent\.2\.csv"):
+    with pytest.raises(ConfigError, match=r"holds another agent's agent\.1\.px4 and agent\.2\.px4"):
         check_alone(tmp_path, "fmu", "mine")
     (tmp_path / "agent.fmu").unlink()
-    check_alone(tmp_path, "csv", "mine")
+    check_alone(tmp_path, "px4", "mine")
     check_alone(tmp_path, "numpy", "of another")
-    with pytest.raises(ConfigError, match=r"agent\.1\.csv"):
+    with pytest.raises(ConfigError, match=r"agent\.1\.px4"):
         check_alone(tmp_path, "numpy", "mine")
 
 
@@ -231,7 +231,7 @@ def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Pa
     write_export(run, folder, "onnx", episodes=4)
     before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
     with pytest.raises(
-        ConfigError, match=r"agents holds another agent's agent\.py and agent\.npz, to which"
+        ConfigError, match=r"agents holds another agent's agent\.npz and agent\.py, to which"
     ):
         write_export(other, folder, "onnx", episodes=4)
     with pytest.raises(ConfigError, match="other is the run folder of a training"):

@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from rans.deploy.contract import contract, golden
-from rans.deploy.export import Form, write_agent
+from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
@@ -40,14 +40,14 @@ from tests.support.shipped import ONE_OF_EACH_KIND
 from tests.support.training import scatter, tiny_learner
 from validation.speed.exported import ANSWERS, numpy_answer
 
-FORMS: tuple[Form, ...] = ("onnx", "numpy", "c")
+FORMS = ("onnx", "numpy", "c")
 
 
 def check_forms(
     network: Network,
     batches: list[np.ndarray],
     folder: Path,
-    forms: Sequence[Form] = FORMS,
+    forms: Sequence[str] = FORMS,
     furthest: float = 1e-4,
 ) -> None:
     """An agent's exports answer as it does, and remember the same but for ten roundings in float32.
@@ -86,7 +86,7 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
     network, setup = shipped(name)
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 100))
-    forms: list[Form] = [form for form in FORMS if form != "c" or name in COMPILED]
+    forms = [form for form in FORMS if form != "c" or name in COMPILED]
     if name == "go-to-pose-2d-robust":
         forms.append("sb3")
     check_forms(network, batches, tmp_path, forms, 1e-5)

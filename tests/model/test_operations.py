@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import ctypes
 import json
 import shutil
 import subprocess
@@ -15,15 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.deploy.c.compiler import FLAGS
 from rans.model import operations
-from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, is_truth, of_row
-from tests.support.operations import COUNT, Key, Run, check, columns, result_kind
-
-
-def of_c(dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path) -> dict[Key, Any]:
-    return compiled(dialect, given, folder, "c", "#include <math.h>\ntypedef float real;\n")
-
+from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, of_row
+from rans.policy.program import RowStep
+from tests.support.operations import COUNT, Key, Run, check, columns, compiled
 
 SHIMS = """#include <cmath>
 #include <cstring>
@@ -43,46 +37,8 @@ def of_cuda(
     dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
 ) -> dict[Key, Any]:
     functions = files("rans.compile.cuda").joinpath("functions.cuh").read_text("utf-8")
-    return compiled(dialect, given, folder, "cpp", f"{SHIMS}{functions}")
-
-
-def compiled(
-    dialect: Dialect,
-    given: Mapping[Key, list[np.ndarray]],
-    folder: Path,
-    language: str,
-    beginning: str,
-) -> dict[Key, Any]:
-    """One function an operation, by the machine's compiler."""
-    compiler = shutil.which({"c": "cc", "cpp": "c++"}[language])
-    if compiler is None:
-        pytest.skip(f"needs a compiler of {language}")
-    types = {"float32": "real", "float64": "real", "int32": "int", "bool": "int"}
-    text = beginning
-    for number, (key, arrays) in enumerate(given.items()):
-        arguments = [f"{types[str(x.dtype)]} x{k}" for k, x in enumerate(arrays)]
-        body = dialect.text(*key, *(f"x{k}" for k in range(len(arrays))))
-        out = "int" if result_kind(key) != "real" else "real"
-        linkage = 'extern "C" ' if language == "cpp" else ""
-        text += f"{linkage}{out} f{number}({', '.join(arguments)}) {{ return {body}; }}\n"
-    source = folder / f"operations.{language}"
-    source.write_text(text, "utf-8")
-    built = folder / f"{language}.so"
-    # Without contraction, as every operation stands alone.
-    warnings = FLAGS if language == "c" else ()
-    flags = ["-O1", "-shared", "-fPIC", "-ffp-contract=off", *warnings]
-    subprocess.run([compiler, *flags, str(source), "-o", str(built), "-lm"], check=True)
-    library = ctypes.CDLL(str(built))
-    found = {}
-    for number, (key, arrays) in enumerate(given.items()):
-        function = library[f"f{number}"]
-        function.argtypes = [
-            ctypes.c_float if x.dtype.kind == "f" else ctypes.c_int for x in arrays
-        ]
-        function.restype = ctypes.c_float if result_kind(key) == "real" else ctypes.c_int
-        rows = zip(*(x.tolist() for x in arrays), strict=True)
-        found[key] = [function(*row) for row in rows]
-    return found
+    beginning = f'{SHIMS}{functions}\nextern "C" {{ OPERATIONS }}'
+    return compiled(["c++"], beginning, dialect, given, folder)
 
 
 def of_javascript(
@@ -133,7 +89,6 @@ def of_python(
 
 
 LANGUAGES: dict[str, tuple[Dialect, Run, type]] = {
-    "C": (operations.C, of_c, np.float32),
     "CUDA": (operations.CUDA, of_cuda, np.float32),
     "JavaScript": (operations.JAVASCRIPT, of_javascript, np.float64),
     "NumPy": (operations.NUMPY, of_numpy, np.float64),
@@ -165,7 +120,7 @@ def test_rows_mean_what_onnx_says():
             for given, x in zip(names, arrays, strict=True)
         ]
         out = onnx.helper.make_tensor_value_info(
-            "y", types["bool" if is_truth(name) else "float32"], [COUNT]
+            "y", types["bool" if RowStep(name, (), ()).is_truth else "float32"], [COUNT]
         )
         graph = onnx.helper.make_graph([node], "one", inputs, [out])
         with np.errstate(all="ignore"):
@@ -173,22 +128,17 @@ def test_rows_mean_what_onnx_says():
             (answer,) = evaluator.run(None, dict(zip(names, arrays, strict=True)))
             meant = OPERATIONS[key[0]].meaning(*arrays)
         np.testing.assert_allclose(answer, meant, rtol=2e-6, atol=1e-6, err_msg=name)
-        assert (answer.dtype == np.bool_) == is_truth(name)
+        assert (answer.dtype == np.bool_) == RowStep(name, (), ()).is_truth
 
 
 def test_exports_have_every_operation_of_rows():
-    lacking = [
-        (name, language)
-        for name in ROWS
-        for language in ("C", "NumPy")
-        if of_row(name) not in LANGUAGES[language][0]
-    ]
-    assert not lacking
+    assert not [name for name in ROWS if of_row(name) not in operations.NUMPY]
 
 
 OWN_TABLES = {
     "rans/model/operations.py",
     "rans/model/trace.py",  # Python's methods of operators
+    "packages/c_code/rans_c_code/text.py",
     "packages/machine_code/rans_machine_code/llvm.py",
     "rans/policy/scalars.py",  # functions of fields of any library, with gradients
 }

@@ -13,7 +13,7 @@ from torch import Tensor
 
 from rans import PPOSettings
 from rans.deploy.contract import recorded
-from rans.deploy.export import Form, write_agent
+from rans.deploy.export import write_agent
 from rans.episode import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
@@ -46,7 +46,7 @@ def remembering() -> tuple[Network, Setup, np.ndarray]:
     return network, setup, flights.observations
 
 
-def written(folder: Path, network: Network, *forms: Form, title: str = "agent") -> Path:
+def written(folder: Path, network: Network, *forms: str, title: str = "agent") -> Path:
     """The folder with the network in these forms."""
     for form in forms:
         write_agent(folder, form, SavedPolicy(network, 0), PPOSettings(), title)

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import ctypes
+import shutil
+import subprocess
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 
 from rans.model.operations import OPERATIONS, Dialect, Kind
 
@@ -70,3 +74,39 @@ def check(language: str, dialect: Dialect, run: Run, real: type, folder: Path) -
             np.testing.assert_allclose(
                 ours, expected, rtol=tolerance, atol=tolerance, err_msg=f"{key} in {language}"
             )
+
+
+def compiled(
+    compiler: list[str],
+    beginning: str,
+    dialect: Dialect,
+    given: Mapping[Key, list[np.ndarray]],
+    folder: Path,
+) -> dict[Key, Any]:
+    """One function an operation, by the machine's compiler."""
+    if shutil.which(compiler[0]) is None:
+        pytest.skip(f"needs {compiler[0]}")
+    types = {"float32": "real", "float64": "real", "int32": "int", "bool": "int"}
+    text, _, ending = beginning.partition("OPERATIONS")
+    for number, (key, arrays) in enumerate(given.items()):
+        arguments = [f"{types[str(x.dtype)]} x{k}" for k, x in enumerate(arrays)]
+        body = dialect.text(*key, *(f"x{k}" for k in range(len(arrays))))
+        out = "int" if result_kind(key) != "real" else "real"
+        text += f"{out} f{number}({', '.join(arguments)}) {{ return {body}; }}\n"
+    source = folder / "operations.c"
+    source.write_text(f"{text}{ending}", "utf-8")
+    built = folder / "operations.so"
+    # Without contraction, as every operation stands alone.
+    flags = ["-O1", "-shared", "-fPIC", "-ffp-contract=off"]
+    subprocess.run([*compiler, *flags, str(source), "-o", str(built), "-lm"], check=True)
+    library = ctypes.CDLL(str(built))
+    found = {}
+    for number, (key, arrays) in enumerate(given.items()):
+        function = library[f"f{number}"]
+        function.argtypes = [
+            ctypes.c_float if x.dtype.kind == "f" else ctypes.c_int for x in arrays
+        ]
+        function.restype = ctypes.c_float if result_kind(key) == "real" else ctypes.c_int
+        rows = zip(*(x.tolist() for x in arrays), strict=True)
+        found[key] = [function(*row) for row in rows]
+    return found

@@ -17,8 +17,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.c.compiler import FLAGS
-from rans.deploy.export import Form
 from rans.errors import ConfigError
 
 Answer = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -92,7 +90,8 @@ def c_answer(folder: Path, compiler: Sequence[str] | None = None) -> Answer:
     if compiler is None:
         raise ConfigError("agent.c needs gcc or clang, and neither is on the PATH.")
     library = folder / "agent.so"
-    made = [*compiler, "-O2", *FLAGS, "-shared", "-fPIC", folder / "agent.c", "-o", library, "-lm"]
+    flags = ["-O2", "-std=c99", "-Wall", "-Wextra", "-Werror", "-shared", "-fPIC"]
+    made = [*compiler, *flags, folder / "agent.c", "-o", library, "-lm"]
     done = subprocess.run(made, capture_output=True, text=True, check=False)
     if done.returncode:
         raise ConfigError(f"{' '.join(compiler)} refuses agent.c: {done.stderr}")
@@ -113,7 +112,7 @@ def c_answer(folder: Path, compiler: Sequence[str] | None = None) -> Answer:
     return answer
 
 
-ANSWERS: dict[Form, Callable[[Path], Answer]] = {
+ANSWERS: dict[str, Callable[[Path], Answer]] = {
     "sb3": sb3_answer,
     "onnx": onnx_answer,
     "numpy": numpy_answer,
@@ -121,9 +120,9 @@ ANSWERS: dict[Form, Callable[[Path], Answer]] = {
 }
 
 
-def answers() -> dict[str, tuple[Form, Callable[[Path], Answer]]]:
+def answers() -> dict[str, tuple[str, Callable[[Path], Answer]]]:
     """Every form of an export and what answers for it, the C form once for each compiler, by a table's name."""
-    found: dict[str, tuple[Form, Callable[[Path], Answer]]] = {
+    found: dict[str, tuple[str, Callable[[Path], Answer]]] = {
         form: (form, answer) for form, answer in ANSWERS.items() if form != "c"
     }
     for name, command in c_compilers().items():

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.deploy.export import Form, write_agent
+from rans.deploy.export import write_agent
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy
@@ -60,7 +60,7 @@ def latencies(
         yield from _measured(f"ONNX, {craft.name}", act, observation, calls)
 
 
-def exported(network: Network, form: Form) -> Policy:
+def exported(network: Network, form: str) -> Policy:
     """The agent as `rans export` writes it, for observations that nothing is remembered between.
 
     Raises:

@@ -15,8 +15,7 @@ from typing import Any
 
 from llvmlite import binding, ir
 
-from rans.extend import ACTIVATIONS, Symbol, ordered
-from rans.model.operations import Dialect
+from rans.extend import ACTIVATIONS, Dialect, Symbol, ordered
 
 Value = Any
 """A value of LLVM, or a number of Python: llvmlite has no types."""

@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rans.extend import ConfigError, Ports, Program, write_numpy, write_text, written_columns
+from rans.extend import FORMATS, ConfigError, Ports, Program, write_text, written_columns
 
 _MOST = 36
 """Thrusters of Basilisk's messages, MAX_EFF_CNT."""
@@ -37,5 +37,5 @@ def write_basilisk(
         )
     columns = ",\n            ".join(written_columns(about))
     frame = (resources.files("rans_missions") / "data/agent_basilisk.py.txt").read_text("utf-8")
-    write_numpy(folder, program, ports, title)
+    FORMATS["numpy"].write(folder, program, ports, title)
     write_text(folder / "agent_basilisk.py", frame.replace("@COLUMNS@", f"{columns},"))

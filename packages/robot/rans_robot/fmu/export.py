@@ -22,8 +22,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 import rans
-from rans.deploy.c.compiler import FLAGS
-from rans.extend import ConfigError, Ports, Program, read_bytes, replace_file, write_c
+from rans.extend import FORMATS, ConfigError, Ports, Program, read_bytes, replace_file
 
 _LARGEST = 2**28
 """Bytes of a file that goes into the archive; sources of agents have a hundredth of it."""
@@ -57,7 +56,7 @@ def write_fmu(
     about = json.loads(contract)
     with tempfile.TemporaryDirectory() as name:
         build = Path(name)
-        write_c(build, program, ports, title, contract, pairs)
+        FORMATS["c"].write(build, program, ports, title, contract, pairs)
         for file in ("unit.c", "unit.h", "agent_unit.c"):
             text = (resources.files("rans_robot.fmu") / file).read_text("utf-8")
             (build / file).write_text(text, "utf-8")
@@ -163,7 +162,17 @@ def _compiled(build: Path) -> Path | None:
         return None
     library = build / "agent.so"
     # A product and a sum are rounded one after the other, as the engine rounds them.
-    options = ["-O2", "-ffp-contract=off", *FLAGS, "-shared", "-fPIC", "-fvisibility=hidden"]
+    options = [
+        "-std=c99",
+        "-Wall",
+        "-Wextra",
+        "-Werror",
+        "-O2",
+        "-ffp-contract=off",
+        "-shared",
+        "-fPIC",
+        "-fvisibility=hidden",
+    ]
     command = [compiler, *options, *(str(build / name) for name in _SOURCES)]
     done = subprocess.run(
         [*command, "-o", str(library), "-lm"], capture_output=True, text=True, check=False

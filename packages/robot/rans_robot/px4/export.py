@@ -8,7 +8,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rans.extend import ConfigError, Ports, Program, write_c, write_text, written_columns
+from rans.extend import FORMATS, ConfigError, Ports, Program, write_text, written_columns
 from rans_robot.interfaces import PX4_MOTOR_COUNT
 
 
@@ -45,7 +45,7 @@ def write_px4(
     }
     module = folder / "agent.px4"
     module.mkdir(parents=True, exist_ok=True)
-    write_c(module, program, ports, title, contract, pairs)
+    FORMATS["c"].write(module, program, ports, title, contract, pairs)
     for name in ("rans_agent.cpp", "CMakeLists.txt", "Kconfig"):
         text = (resources.files("rans_robot.px4") / name).read_text("utf-8")
         for mark, value in values.items():

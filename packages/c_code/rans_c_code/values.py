@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from rans.deploy.c.compressed import Packed, Stepped
+from rans_c_code.compressed import Packed, Stepped
 
 Shape = tuple[int, ...]
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 import subprocess
 import tempfile
 from pathlib import Path
 
-from rans.errors import ConfigError
-from rans.files import read_text
+from rans.extend import ConfigError, read_json, read_text, write_json
 
 FLAGS = (
     *("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"),
@@ -20,6 +18,22 @@ FLAGS = (
 
 
 def compiled_check(folder: Path) -> str:
+    """Sentence on what the compiler here finds, which contract.json then has too, for dossiers.
+
+    Raises:
+        ConfigError: as `_found`, or the folder has no contract.
+    """
+    found = _found(folder)
+    contract = read_json(folder / "contract.json")
+    about = contract.get("c", {})
+    if "stack" in about:
+        found = f"{found} It needs {about['stack']:,} bytes of stack."
+    contract["c"] = about | {"checked": found}
+    write_json(folder / "contract.json", contract)
+    return found
+
+
+def _found(folder: Path) -> str:
     """Sentence on what agent_check.c finds, compiled by the machine's compiler, and on the size of the agent.
 
     It is compiled twice: as C99 asks, and as for finite numbers alone, as much firmware is.
@@ -55,9 +69,7 @@ def compiled_check(folder: Path) -> str:
                 flags = " ".join(optimization)
                 raise ConfigError(f"agent.c is wrong: {run.stdout.strip()} (built by {flags})")
             results.append(run.stdout.strip())
-    stack = stack_of(folder)
-    needs = f" It needs {stack:,} bytes of stack." if stack else ""
-    return f"agent.c is {size / 1000:.0f} kB of code and tables here; {results[-1]}{needs}"
+    return f"agent.c is {size / 1000:.0f} kB of code and tables here; {results[-1]}"
 
 
 def loaded_size(part: Path) -> int:
@@ -70,13 +82,6 @@ def loaded_size(part: Path) -> int:
     titles, numbers = (line.split() for line in [*done.stdout.splitlines(), "", ""][:2])
     sums = dict(zip(titles, numbers, strict=False))
     return int(sums["dec"]) if done.returncode == 0 and "dec" in sums else part.stat().st_size
-
-
-def stack_of(folder: Path) -> int | None:
-    """Bytes of stack that agent.h in a folder states; None: there is none, or no compiler measured it."""
-    file = folder / "agent.h"
-    line = re.search(r"^#define \w+_STACK (\d+)", read_text(file), re.M) if file.exists() else None
-    return int(line[1]) if line else None
 
 
 def _compiler() -> str | None:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Set
 
-from rans.deploy.c.text import variable
-from rans.policy.program import Program
+from rans.extend import Program
+from rans_c_code.text import variable
 
 _VIEWS = {"Split", "Reshape"}
 """Operations whose results may be parts of their first operand's memory."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rans.policy.program import Program, Step
+from rans.extend import Program, RowStep
 
 
 class Searches(NamedTuple):
     """Searches for the largest of linear functions, which need no memory for all of their values."""
 
-    whole: dict[str, tuple[Step, str]]
+    whole: dict[str, tuple[RowStep, str]]
     """By the name of the largest one's number: product of the row and the slopes, and name of the offsets."""
     parts: frozenset[str]
     """Names of the values that are computed one by one."""

@@ -1,6 +1,6 @@
 """An agent's program as one header and one source of C99, without allocation and without a dependency.
 
-The files are those of `rans/data/export`, which compile as they stand: what differs between agents lies between the
+The files are those of the folder data, which compile as they stand: what differs between agents lies between the
 marks of `filled`, with a sample.
 """
 
@@ -14,15 +14,11 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
-from rans.deploy.c.compiler import measured_stack
-from rans.deploy.c.printer import Printer
-from rans.deploy.c.text import literal, rows_of
-from rans.deploy.program import Ports
-from rans.files import write_text
-from rans.languages import C
-from rans.policy.program import Program
+from rans.extend import Ports, Program, write_text
+from rans_c_code.compiler import measured_stack
+from rans_c_code.printer import Printer
+from rans_c_code.text import C, literal, rows_of
 
-C_FILES = ("agent.h", "agent.c", "agent_check.c")
 _PLACES = re.compile(r"/\*@([A-Z]+)\*/(.*?)/\*@\*/|@([A-Z]+)@", re.DOTALL)
 
 
@@ -38,7 +34,7 @@ def write_c(
     """Write agent.h and agent.c, and agent_check.c with golden pairs, where there are some.
 
     A prefix stands in place of rans_agent and RANS in all public names, so that two agents are
-    linked into one program. The marks of the files of `rans/data/export` must all be filled.
+    linked into one program. The marks of the files in data must all be filled.
 
     Raises:
         ConfigError: the program has an operation that is not known in C, or the disk refuses.
@@ -109,7 +105,7 @@ def write_c(
 
 def _template(name: str) -> str:
     """One of the package's files, which compile as they stand."""
-    return (resources.files("rans") / "data/export" / name).read_text("utf-8")
+    return (resources.files("rans_c_code") / "data" / name).read_text("utf-8")
 
 
 def filled(text: str, values: Mapping[str, Any]) -> str:

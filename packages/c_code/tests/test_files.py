@@ -7,7 +7,7 @@ import json
 import os
 import shutil
 import subprocess
-from functools import cache
+from functools import cache, partial
 from importlib import resources
 from pathlib import Path
 
@@ -16,15 +16,16 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from rans_c_code.compiler import FLAGS, compiled_check, loaded_size
+from rans_c_code.compressed import Packed, Stepped, in_steps
+from rans_c_code.files import filled, write_c
+from rans_c_code.formats import C, rounded
+from rans_c_code.text import DIALECT
 from scipy.spatial.transform import Rotation
 
 from rans.cli import main
-from rans.deploy import export
-from rans.deploy.c.compiler import FLAGS, compiled_check, loaded_size, stack_of
-from rans.deploy.c.compressed import Packed, Stepped, in_steps
-from rans.deploy.c.files import C_FILES, filled, write_c
 from rans.deploy.contract import contract, golden
-from rans.deploy.export import write_export
+from rans.deploy.export import stack_of, write_export
 from rans.deploy.program import Ports, agent_program
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, load_policy
@@ -33,10 +34,12 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
+from rans.model.operations import ROWS, of_row
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.any_craft import for_craft
 from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
+from tests.support.operations import check, compiled
 from tests.support.processes import PATIENCE
 
 if shutil.which("cc") is None:
@@ -146,7 +149,7 @@ def test_golden_pairs_come_out_of_a_microcontroller(folder: Path, tmp_path: Path
 @pytest.mark.slow
 def test_the_check_finds_a_guard_that_a_compiler_leaves_out(folder: Path, tmp_path: Path) -> None:
     """The guard as it once was, by comparisons: right by the standard, gone where numbers are taken for finite."""
-    for name in C_FILES:
+    for name in C.files:
         shutil.copy(folder / name, tmp_path)
     text = (folder / "agent.c").read_text("utf-8")
     by_bits = "return (bits & 0x7F800000U) != 0x7F800000U;"
@@ -318,7 +321,7 @@ def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]
     said = " ".join(capsys.readouterr().out.split())
     assert "500 of 500 golden pairs come out as they should" in said
     assert {file.name for file in (tmp_path / "mine").iterdir()} == {
-        *C_FILES,
+        *C.files,
         "spacecraft.toml",
         "contract.json",
         "golden.json",
@@ -423,7 +426,7 @@ def test_the_size_is_the_sum_that_the_program_prints(
 
 def test_the_files_of_the_package_compile_and_fly_as_they_stand(tmp_path: Path) -> None:
     """C tools read them without Python: a small agent, whose samples are its tables and golden pairs."""
-    folder = Path(str(resources.files("rans") / "data/export"))
+    folder = Path(str(resources.files("rans_c_code") / "data"))
     built = tmp_path / "check"
     sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
     subprocess.run(["cc", *FLAGS, *sources, "-o", str(built), "-lm"], check=True)
@@ -476,7 +479,7 @@ def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
     weights = sum(x.numel() for x in exact.network.tensors.values())
     assert loaded_size(tmp_path / "agent.o") < 80_000 < 0.3 * 4 * weights
     # They fly: of 256 flights all but two settle, of the agent itself all of 1,024.
-    agent = Agent(export._rounded(exact.network), "rounded", exact.craft)
+    agent = Agent(rounded(exact.network), "rounded", exact.craft)
     flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1)
     assert solved(flights).mean() > 0.99
 
@@ -504,3 +507,9 @@ def test_two_agents_are_linked_into_one_program(tmp_path: Path) -> None:
     sources = ["main.c", "approach/agent.c", "Far/agent.c", "-lm", "-o", "both"]
     subprocess.run(["cc", "-std=c99", *sources], check=True, cwd=tmp_path)
     subprocess.run([tmp_path / "both"], check=True)
+
+
+def test_an_operation_is_the_same_in_c(tmp_path: Path):
+    beginning = "#include <math.h>\ntypedef float real;\n"
+    check("C", DIALECT, partial(compiled, ["cc", *FLAGS], beginning), np.float32, tmp_path)
+    assert not [name for name in ROWS if of_row(name) not in DIALECT]

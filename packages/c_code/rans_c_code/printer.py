@@ -1,7 +1,7 @@
 """The steps of a program as lines of one C function, and the tables that they read.
 
-It prints what `rans.deploy.program` makes of a policy, in float32; `tests/deploy/c` compiles it and asks for the
-golden commands.
+It prints what `rans.deploy.program` makes of a policy, in float32; `tests/test_files.py` compiles it and asks for
+the golden commands.
 """
 
 from __future__ import annotations
@@ -13,15 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.c.compressed import smallest
-from rans.deploy.c.memory import Scratch, last_uses
-from rans.deploy.c.search import searches
-from rans.deploy.c.text import literal, rows_of, table_name, variable
-from rans.deploy.c.values import Shape, Value
-from rans.deploy.program import Ports
-from rans.errors import ConfigError
-from rans.model.operations import ROWS, C, is_truth, of_row
-from rans.policy.program import Program, Step
+from rans.extend import ConfigError, Ports, Program, RowStep
+from rans_c_code.compressed import smallest
+from rans_c_code.memory import Scratch, last_uses
+from rans_c_code.search import searches
+from rans_c_code.text import DIALECT, literal, rows_of, table_name, variable
+from rans_c_code.values import Shape, Value
 
 
 class _Loop:
@@ -154,7 +151,7 @@ class Printer:
         else:
             self._lines.append(f"const {value.kind} {value.text} = {text};")
 
-    def _elementwise(self, step: Step) -> None:
+    def _elementwise(self, step: RowStep) -> None:
         """An operation on single numbers; those on arrays of a size that follow each other have one loop.
 
         Lines wait in `_loop` until a step has another size or reads an entry of another place.
@@ -162,7 +159,7 @@ class Printer:
         name = step.outputs[0]
         values = [self._value(operand) for operand in step.inputs]
         shape = np.broadcast_shapes(*(array.shape for array in values))
-        kind = "int" if is_truth(step.operation) else "float"
+        kind = "int" if step.is_truth else "float"
         loop = self._loop
         others = any(
             operand in loop.lines and array.shape != shape
@@ -176,7 +173,7 @@ class Printer:
             loop.lines[operand][0] if operand in loop.lines else array.at("i", shape)
             for operand, array in zip(step.inputs, values, strict=True)
         ]
-        text = C.text(*of_row(step.operation), *texts)
+        text = step.text(DIALECT, *texts)
         if size == 1:
             self._set(self._result(name, shape, kind), text)
             return
@@ -207,12 +204,12 @@ class Printer:
                 self._lines.append(f"    {value.text}[i] = {text};")
         self._lines.append("}")
 
-    def _print(self, step: Step) -> None:
+    def _print(self, step: RowStep) -> None:
         """Print one step of the program: element-wise operations in a shared loop, others on their own.
 
         Ends the waiting loop first, so that lines keep the program's order.
         """
-        if step.operation in ROWS and step.outputs[0] not in self._scores.parts:
+        if step.is_of_numbers and step.outputs[0] not in self._scores.parts:
             self._elementwise(step)
             return
         self._end_loop()
@@ -265,10 +262,10 @@ class Printer:
                     "onnx or numpy."
                 )
 
-    def _product(self, step: Step) -> str:
+    def _product(self, step: RowStep) -> str:
         """Entry i of a row (1, k) times a table (k, n), as one C expression.
 
-        Sums in the order of the columns, which golden commands allow for (`tests/deploy/c`).
+        Sums in the order of the columns, which golden commands allow for (`tests/test_files.py`).
         """
         row, table = step.inputs
         a = self._value(row)
@@ -280,7 +277,7 @@ class Printer:
             for k in range(b.shape[0])
         )
 
-    def _split(self, step: Step, widths: Sequence[int]) -> None:
+    def _split(self, step: RowStep, widths: Sequence[int]) -> None:
         """Print the parts of a value along the last axis as values of their own.
 
         One row needs no copy: its parts are places in it.
@@ -390,7 +387,7 @@ class Printer:
             "}",
         ]
 
-    def _reduced(self, step: Step) -> None:
+    def _reduced(self, step: RowStep) -> None:
         """Print the largest number of each row, or their sum in the order of the columns."""
         value = self._value(step.inputs[0])
         width = value.shape[-1]
@@ -415,7 +412,7 @@ class Printer:
             "}",
         ]
 
-    def _argmax(self, step: Step) -> None:
+    def _argmax(self, step: RowStep) -> None:
         """Print the number of the largest entry, the first of equal ones, as NumPy's argmax.
 
         Of equal ones the first, as in every executor: which thrusters open depends on it.
