@@ -78,8 +78,6 @@ if TYPE_CHECKING:
     from rans.evaluation.measure.statistics import Estimate as Estimate
     from rans.evaluation.problems import Problem as Problem
     from rans.fast.device import torch_device as torch_device
-    from rans.fast.distributed import ALONE as ALONE
-    from rans.fast.distributed import Processes as Processes
     from rans.fast.engine import Engine as Engine
     from rans.fast.flights import Flights as Flights
     from rans.fast.learn.adam import Adam as Adam

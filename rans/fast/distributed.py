@@ -1,9 +1,8 @@
 """Distributed processes started by torchrun, each with a GPU and its share of the environments of a training.
 
-In assurance the processes divide flights and work independently. In one training process r of
-n owns every n-th environment of the batch, from environment r on, with the random numbers that these environments
-have in a single process. A minibatch thus has the same transitions for any number of processes, and averaged
-gradients are those of one process up to the order of summation.
+In one training process r of n owns every n-th environment of the batch, from environment r on, with the random
+numbers that these environments have in a single process. A minibatch thus has the same transitions for any number
+of processes, and averaged gradients are those of one process up to the order of summation.
 """
 
 from __future__ import annotations
@@ -16,7 +15,6 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import timedelta
 from functools import partial
 from typing import Any
 
@@ -114,32 +112,17 @@ class Processes:
         _collective(dist.broadcast_object_list, box, device=torch.device("cpu"))
         return box[0]
 
-    def part(self, count: int) -> tuple[int, int]:
-        """First index and number of the items of this process among ``count``."""
-        first, end = (count * rank // self.size for rank in (self.rank, self.rank + 1))
-        return first, end - first
-
-    def from_all(self, value: Any) -> list[Any]:
-        """Values of all processes in the order of their ranks; all processes must call it."""
-        values = [value] * self.size
-        if self.size > 1:
-            _collective(dist.all_gather_object, values, value)
-        return values
-
 
 ALONE = Processes()
-_PATIENCE = timedelta(days=30)
-"""Timeout for the slowest of processes that work independently."""
 
 
-def join(device: str, apart: bool = False) -> Processes:
+def join(device: str) -> Processes:
     """Join the processes that torchrun has started; `ALONE` without torchrun.
 
     Afterwards ``cuda`` is the GPU of this process.
 
     Args:
         device: device of the computation.
-        apart: whether the processes work independently; they then communicate on the CPU, without a short timeout.
 
     Raises:
         ConfigError: there are fewer GPUs than processes.
@@ -156,13 +139,12 @@ def join(device: str, apart: bool = False) -> Processes:
                 "--nproc-per-node."
             )
         torch.cuda.set_device(local)
-    if device.startswith("cuda") and not apart:
         # Decisions are exchanged on the CPU, so that they do not wait for the GPU.
         dist.init_process_group(
             "cpu:gloo,cuda:nccl", device_id=torch.device("cuda", torch.cuda.current_device())
         )
     else:
-        dist.init_process_group("gloo", timeout=_PATIENCE if apart else None)
+        dist.init_process_group("gloo")
         # A thread that still runs while Python exits would abort the process.
         atexit.register(dist.destroy_process_group)
     leave_when_stuck()

@@ -11,20 +11,15 @@ from typing import Any, ClassVar
 import pytest
 import torch
 import torch.distributed as dist
-from rans_assurance.assure.bounds import plan
-from rans_assurance.assure.campaign import Campaign
 from torch.multiprocessing.spawn import start_processes
 
-from rans import TASKS, Engine, Timing
-from rans.episode import Setup
+from rans import Engine
 from rans.errors import WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
-from rans.fast.learn.beginning import architecture_of, begin, statistics
+from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import MemorySettings, PPOSettings
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.run_folder import RunFolder
-from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.network import Network
 from tests.support.command_runs import tiny
 from tests.support.engines import NEAR, PLATFORM, SHORT
 from tests.support.processes import PATIENCE, free_port, python
@@ -86,31 +81,6 @@ def one_of_two(rank: int, folder: Path) -> None:
     os._exit(0)
 
 
-def one_of_two_apart(rank: int, folder: Path) -> None:
-    """A process of two, which work on flights of their own."""
-    torch.set_num_threads(1)
-    dist.init_process_group("gloo", f"file://{folder}/meeting", rank=rank, world_size=2)
-    torch.save(counted_flights(Processes(rank, 2)), folder / f"{rank}-apart.pt")
-    dist.barrier()
-    os._exit(0)  # see above
-
-
-def counted_flights(world: Processes = ALONE) -> dict[str, Any]:
-    """Number and list of the flights that a process knows after 7 and then 5 of them."""
-    craft = load_spacecraft("floating-platform")
-    task = TASKS["go-to-pose"]()
-    engine = Engine(craft, task, 1)
-    given = architecture_of(engine, PPOSettings(layers=(8,)))
-    campaign = Campaign(plan(0.9, 12, None), 5)
-    campaign.fly(
-        Network(given, given.initial(0, 0.5)[0]),
-        Setup(craft, task, Timing(episode_steps=5)),
-        "cpu",
-        processes=world,
-    )
-    return {"flights": campaign.flights, "listed": campaign.listed}
-
-
 @pytest.mark.slow
 def test_two_processes_learn_what_one_does(tmp_path):
     """Same starts, actions and minibatches, and sums in another order: the same agents to rounding."""
@@ -135,18 +105,6 @@ def test_two_processes_learn_what_one_does(tmp_path):
     ):
         assert first["log"][name] == pytest.approx(alone["log"][name], rel=1e-9), name
     assert (first["any"], first["first"], second["first"]) == ((True, False), "from 0", "from 0")
-
-
-@pytest.mark.slow
-def test_processes_that_work_apart_know_what_one_would(tmp_path):
-    """Flights are divided, and what became of all is known to all."""
-    start_processes(one_of_two_apart, (tmp_path,), nprocs=2)
-    alone = counted_flights()
-    assert len(alone["listed"]) == alone["flights"] == 12  # an untrained agent fails
-    for rank in range(2):
-        assert torch.load(tmp_path / f"{rank}-apart.pt", weights_only=False) == alone
-    assert ALONE.part(7) == (0, 7)
-    assert [Processes(rank, 3).part(7) for rank in range(3)] == [(0, 2), (2, 2), (4, 3)]
 
 
 def test_alone_nothing_changes():

@@ -6,6 +6,7 @@ Arguments and their texts are those of the commands (`rans.cli.door`); a new one
 from __future__ import annotations
 
 import math
+import os
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -162,12 +163,13 @@ def assure(
         ConfigError: there is no such agent, or a number is out of its range.
     """
     from rans.extend import ready_folder, torch_device, watched, write_json
-    from rans.fast.distributed import join
     from rans_assurance.assure.assurance import Assurance
     from rans_assurance.assure.bounds import plan
     from rans_assurance.assure.campaign import Campaign
 
     # What is wrong is refused before anything flies.
+    if os.environ.get("WORLD_SIZE", "1") != "1":
+        raise ConfigError("an assurance flies in one process: leave out torchrun.")
     again = whole("worst", worst, least=0)
     if episodes is not None or failure_below is None:
         episodes = whole("episodes", ASSURED if episodes is None else episodes)
@@ -184,12 +186,7 @@ def assure(
     _ = assurance.run  # refuses a wrong name before a folder is made
     if output is not None:
         assurance.write_into(ready_folder(Path(output)))
-    # Of torchrun's processes the others only fly.
     processor = torch_device(device)
-    processes = join(processor, apart=True)
-    if not processes.is_first:
-        assurance.fly(processor, processes=processes)
-        return assurance
     written = time.monotonic()
     file = assurance.file
 
@@ -214,7 +211,7 @@ def assure(
     if file is not None:
         assurance.go_on(file)
     with writing_at_end(end), watched() as stage:
-        assurance.fly(processor, stage, keep, processes)
+        assurance.fly(processor, stage, keep)
         stage("failed flights again", None)
         assurance.replay(again, again)
     return assurance

@@ -17,13 +17,11 @@ from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately
 from rans.evaluation.fly.evidence import hashes
 from rans.extend import (
-    ALONE,
     Conditions,
     ConfigError,
     ContestantName,
     Failure,
     LoadedRun,
-    Processes,
     Section,
     Stages,
     conditions_text,
@@ -131,14 +129,11 @@ class Assurance:
         device: str,
         stages: Stages = unseen_stages,
         keep: Callable[[], object] = lambda: None,
-        processes: Processes = ALONE,
     ) -> None:
-        """Count flights until the plan ends, from the state of the first process; see `Campaign.fly`."""
-        if processes.size > 1:
-            self.campaign.go_on_from(processes.from_first(self.campaign.to_json()))
+        """Count flights until the plan ends; see `Campaign.fly`."""
         controller = self.run.controller
         policy = controller.network if isinstance(controller, Agent) else controller
-        self.campaign.fly(policy, self.run.judged, device, stages, keep, processes)
+        self.campaign.fly(policy, self.run.judged, device, stages, keep)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans_assurance.assure.replay.replays`."""

@@ -3,22 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Generator, Mapping
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
-from functools import reduce
-from operator import add
 from typing import Any, cast
 
 from rans.extend import (
-    ALONE,
     ConfigError,
     Controller,
     Failure,
     Flights,
     FlightStatistics,
     Network,
-    Processes,
     Setup,
     Stages,
     unseen_stages,
@@ -26,8 +22,6 @@ from rans.extend import (
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans_assurance.assure.fleet import ControllerFleet
 
-_PIECES = {"cpu": 2**17, "cuda": 2**26}
-"""Number of flights of each of several processes between two exchanges of their counts."""
 LISTED = 10_000
 """Largest number of failed flights whose numbers are kept."""
 
@@ -89,7 +83,6 @@ class Campaign:
         device: str,
         stages: Stages = unseen_stages,
         keep: Callable[[], object] = lambda: None,
-        processes: Processes = ALONE,
     ) -> None:
         """Fly until the plan ends; flights until an interrupt are kept.
 
@@ -99,7 +92,6 @@ class Campaign:
             device: torch device.
             stages: reports flights until each analysis, since the last one that is made is not known before.
             keep: called after every part.
-            processes: processes that share the flights and exchange their counts.
         """
         fleet: Flights | ControllerFleet
         if hasattr(policy, "act"):
@@ -114,7 +106,8 @@ class Campaign:
             progress = stages(name, stage.flights)
             progress(self.flights)
             began = time.monotonic()
-            with closing(_parts(fleet, self.flights, stage.flights, self.seed, processes)) as parts:
+            count = stage.flights - self.flights
+            with closing(fleet.parts(self.flights, count, self.seed)) as parts:
                 for part in parts:
                     self.add(part)
                     self.seconds += time.monotonic() - began
@@ -160,20 +153,3 @@ class Campaign:
             raise ConfigError(
                 f"the earlier campaign is damaged: it lacks {error}; delete its file to begin again."
             ) from error
-
-
-def _parts(
-    fleet: Flights | ControllerFleet, first: int, end: int, seed: int, processes: Processes
-) -> Generator[FlightStatistics]:
-    """Statistics of scenarios ``first`` to ``end - 1``, in this order, of all processes together.
-
-    All processes must call it with the same span, as their results are gathered in every round.
-    """
-    if processes.size == 1:
-        yield from fleet.parts(first, end - first, seed)
-        return
-    piece = _PIECES[fleet.device.type] * processes.size
-    for begin in range(first, end, piece):
-        index, count = processes.part(min(piece, end - begin))
-        own = fleet.fly(begin + index, count, seed) if count else None
-        yield reduce(add, filter(None, processes.from_all(own)))

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from functools import reduce
-from operator import add
 
 import numpy as np
-import torch
 
 from rans.extend import (
     Controller,
@@ -39,7 +36,6 @@ class ControllerFleet:
     """
 
     def __init__(self, controller: Controller, setup: Setup, listed: int) -> None:
-        self.device = torch.device("cpu")
         self._controller = controller
         self._setup = setup
         self._listed = listed
@@ -61,10 +57,6 @@ class ControllerFleet:
         yield from Workers(ControllerFleet, arguments, workers, "flew").ordered(
             ControllerFleet.part, jobs
         )
-
-    def fly(self, first: int, count: int, seed: int) -> FlightStatistics:
-        """Statistics of scenarios ``first`` to ``first + count - 1``."""
-        return reduce(add, self.parts(first, count, seed))
 
     def part(self, seed: int, first: int, count: int) -> FlightStatistics:
         """Statistics of `count` scenarios from `first` on, flown in this process in float64 by NumPy.

@@ -42,14 +42,8 @@ class Assure(Options):
         if self.episodes == 0:
             _print_plan(self.failure_below)
             return 0
-        shown: list[Assurance] = []
-
-        def show(assurance: Assurance) -> None:
-            shown.append(assurance)
-            _show(assurance)
-
         folder = self.output or ContestantName.parse(self.agent).output_folder
-        assurance = self.call(output=folder, show=show)
+        assurance = self.call(output=folder, show=_show)
         campaign = assurance.campaign
         if campaign.failures:
             name = ContestantName.parse(self.agent)
@@ -57,7 +51,7 @@ class Assure(Options):
             if text := name.shortfall(percent, contestant(name, trust=self.trust), self.conditions):
                 Terminal().say(text)
         is_shown = self.failure_below is None or assurance.campaign.decision == "below"
-        return 0 if is_shown or not shown else 1  # of torchrun's processes the others only fly
+        return 0 if is_shown else 1
 
 
 _NAMED = 3
