@@ -59,7 +59,6 @@ if TYPE_CHECKING:
     from rans.evaluation.compare.bounds import check_period as check_period
     from rans.evaluation.compare.bounds import rounded_up as rounded_up
     from rans.evaluation.compare.contest import Contest as Contest
-    from rans.evaluation.compare.mission_bounds import MissionBounds as MissionBounds
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
     from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
-from rans.progress import Progress, unseen
+from rans.progress import Stages
 from rans.registry import Registry
 from rans.tasks.base import Task
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.contest import Contest
-    from rans.evaluation.compare.mission_bounds import MissionBounds
+    from rans.evaluation.compare.run import Comparison
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Problem:
 
     bounded: Callable[[Contest], bool]
     """Whether the starts of a contest have bounds."""
-    bounds: Callable[[Contest, int, Progress, MissionBounds | None], MissionBounds]
-    """Bounds of the first starts of a contest that is `bounded`: of contest, number of starts, progress, and
-    bounds of fewer starts, which are not computed again."""
+    bounds: Callable[[Comparison, int, Stages], None]
+    """Adds the bounds of so many first starts, above 0, to a comparison whose contest is `bounded`
+    (`rans.evaluation.compare.run.Comparison.mission`), each as soon as it is known."""
     opponents: tuple[str, ...] = ()
     """Default opponents of comparisons (`rans.evaluation.fly.controllers.BESIDE`); empty: those of any task."""
     solve: Callable[[Any, Spacecraft, Task], int] | None = None
@@ -56,16 +56,7 @@ def problem_of(task: Task) -> Problem | None:
     return None if task.optimal_problem == "trajectory" else PROBLEMS[task.optimal_problem]
 
 
-def bounded(contest: Contest) -> bool:
-    """Whether a package bounds the starts of a contest."""
+def bounding(contest: Contest) -> Problem | None:
+    """The problem that bounds the starts of a contest; None: no package has one."""
     problem = problem_of(contest.task)
-    return problem is not None and problem.bounded(contest)
-
-
-def problem_bounds(
-    contest: Contest, count: int, progress: Progress = unseen, before: MissionBounds | None = None
-) -> MissionBounds:
-    """See `Problem.bounds`."""
-    problem = problem_of(contest.task)
-    assert problem is not None, "only for a contest that is bounded"
-    return problem.bounds(contest, count, progress, before)
+    return problem if problem is not None and problem.bounded(contest) else None

@@ -26,7 +26,7 @@ from rans.extend import (
     write_json,
 )
 from rans.model.spacecraft_file import spacecraft_label
-from rans_missions.bounds.first_starts import bounded, mission_bounds
+from rans_missions.bounds.first_starts import add_bounds, bounded
 from rans_missions.tasks import FinalApproach, Land
 from rans_missions.tasks.orbital import OrbitalMission
 
@@ -104,11 +104,11 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
     return 1 if lost else 0
 
 
-RENDEZVOUS = Problem(bounded, mission_bounds, solve=transfers)
+RENDEZVOUS = Problem(bounded, add_bounds, solve=transfers)
 """The least impulse to a position near a target on an orbit, by a deadline."""
-LANDING = Problem(bounded, mission_bounds, ("optimal",), landings)
+LANDING = Problem(bounded, add_bounds, ("optimal",), landings)
 """The least propellant of a landing."""
-INSPECTION = Problem(bounded, mission_bounds, ("circumnavigation", "optimal"))
+INSPECTION = Problem(bounded, add_bounds, ("circumnavigation", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""
-APPROACH = Problem(bounded, mission_bounds, ("corridor", "optimal"), transfers)
+APPROACH = Problem(bounded, add_bounds, ("corridor", "optimal"), transfers)
 """The least impulse of a flight through the corridor of a port."""

@@ -6,8 +6,10 @@ Scores are (N,) by start, in SI units; tables, charts and files take them from h
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -119,6 +121,32 @@ class Contestant:
     """Effort of its training or tuning."""
     registered: str = ""
     """Name of a controller that the user has named; empty for others."""
+
+
+class Spending(Protocol):
+    """Lower bounds of what a mission spends from the first starts of a comparison, which a package proves."""
+
+    @property
+    def spending(self) -> str:
+        """What is spent: impulse or propellant."""
+        ...
+
+    @property
+    def lower(self) -> np.ndarray:
+        """(n,) of each start; infinite: there is none."""
+        ...
+
+    def ratios(self, entry: Entry) -> np.ndarray:
+        """Ratio of what a contestant spends to the bound (> 0) of the same start, for those that succeeded."""
+        ...
+
+    def table(self, entries: Sequence[Entry]) -> tuple[tuple[str, ...], list[list[str]]]:
+        """Headings, and a row for each start."""
+        ...
+
+    def to_json(self) -> dict[str, Any]:
+        """Data of compare.json: "spending" and "lower" beside others."""
+        ...
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,10 @@ from rans.display import NotebookRepr
 from rans.errors import ConfigError, RansError, counted, installing, is_installed
 from rans.evaluation.compare import entrants, relaxed
 from rans.evaluation.compare.bounds import Amounts, Bound, Event, certificates
-from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.evaluation.compare.mission_bounds import MissionBounds
+from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
-from rans.evaluation.problems import bounded, problem_bounds
+from rans.evaluation.problems import bounding
 from rans.files import first_line
 from rans.model.spacecraft import check_rigid
 from rans.optimal.trajectory.allocation import check_relaxation
@@ -61,7 +60,7 @@ class Comparison(NotebookRepr):
     relaxed: dict[str, list[Relaxed]] = field(default_factory=dict)
     """Optima from every start, by objective."""
     certified: list[Bound] = field(default_factory=list)
-    mission: MissionBounds | None = None
+    mission: Spending | None = None
     """Lower bounds of what an orbital mission or a landing spends; None: it has none."""
     multiples: Sequence[float] = _HORIZONS
     """Multiples of `least_time` by which impulses are bounded; infinite: the episode's end."""
@@ -160,8 +159,6 @@ class Comparison(NotebookRepr):
         """Opponents that answer in seconds, which fly first, and the slow ones after them; see `fly`."""
         names = [*(default_opponents(self.contest.task) if opponents is None else opponents)]
         slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))
-        if bounded(self.contest):  # a mission's bound is computed between them
-            slow = len(names)
         return names[:slow], names[slow:]
 
     def note_interrupt(self, certified: int, kept: bool) -> None:
@@ -221,10 +218,6 @@ class Comparison(NotebookRepr):
         for spec, contestant in contestants.items():
             with _noted(self, spec):
                 self.entries.append(_entry(self, contestant, noted, workers))
-        of_mission = "optimal" in opponents and bounded(self.contest)
-        if of_mission and certified:
-            # Before the others, which may be slow: an interrupted comparison has this bound.
-            _bound_mission(self, 1, noted)
         for name in dict.fromkeys(name for name in opponents if name != "optimal"):
             try:
                 simple = entrants.simple_controller(name, self.contest)
@@ -234,12 +227,11 @@ class Comparison(NotebookRepr):
             with _noted(self, name):
                 if simple.name not in self.names():  # A controller flies once.
                     self.entries.append(_entry(self, simple, noted, workers))
-        if of_mission:
-            if certified > 1:
-                _bound_mission(self, certified, noted)
-            if self.mission is not None:
-                self.notes.append(self.mission.sentence(self.entries))
-                self.failures += self.mission.impossible(self.entries)
+        if "optimal" in opponents and (problem := bounding(self.contest)):
+            count = min(certified, self.contest.episodes)
+            with _noted(self, "certified bounds"):
+                if count:
+                    problem.bounds(self, count, noted)
         elif "optimal" in opponents and (reason := _nothing_claimed(self.contest)):
             self.notes.append(reason)
         elif "optimal" in opponents:
@@ -298,12 +290,6 @@ def _noted(comparison: Comparison, what: str) -> Iterator[None]:
         comparison.failures.append(str(error))
     except Exception as error:  # Solvers and users' code raise anything.
         comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
-
-
-def _bound_mission(comparison: Comparison, count: int, stages: Stages) -> None:
-    step = stages("certified bounds", min(count, comparison.contest.episodes))
-    with _noted(comparison, "certified bounds"):
-        comparison.mission = problem_bounds(comparison.contest, count, step, comparison.mission)
 
 
 def _find_relaxed(

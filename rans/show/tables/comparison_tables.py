@@ -15,8 +15,7 @@ import numpy as np
 
 from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
-from rans.evaluation.compare.contest import Entry
-from rans.evaluation.compare.mission_bounds import MissionBounds
+from rans.evaluation.compare.contest import Entry, Spending
 from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.aggregate import estimated
@@ -78,7 +77,7 @@ def scores(
     entry: Entry,
     bootstrap: Bootstrap,
     optimum: np.ndarray | None = None,
-    mission: MissionBounds | None = None,
+    mission: Spending | None = None,
 ) -> Scores:
     """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
     if entry.ends:
@@ -92,7 +91,7 @@ def scores(
     return result
 
 
-def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: MissionBounds | None) -> Scores:
+def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: Spending | None) -> Scores:
     """Scores of a mission, without errors at the end, because its flights end at different times."""
     result = {"mission won, %": share(entry.won).scaled(100.0), **_broken(entry)}
     result |= _further_scores(entry, bootstrap)

@@ -6,11 +6,13 @@ Bounds are proven lower bounds in N s (kg for landings), and tests compare every
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, Contest, MissionBounds, Progress, map_leaves, unseen
+from rans.extend import ConfigError, Contest, Progress, Stages, map_leaves, unseen
+from rans_missions.bounds.mission_bounds import MissionBounds
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_of_mission
 from rans_missions.convex.inspection import inspection_bound
@@ -46,29 +48,41 @@ def bounded(contest: Contest) -> bool:
 
 
 def mission_bounds(
-    contest: Contest, count: int, progress: Progress = unseen, before: MissionBounds | None = None
-) -> MissionBounds:
-    """Bounds of the first ``count`` starts.
+    contest: Contest, count: int, progress: Progress = unseen
+) -> Iterator[MissionBounds]:
+    """Bounds of the first start, of the first two, and so on, at most of ``count``, as soon as they are known.
 
     Args:
         contest: one that is `bounded`.
         count: number of starts.
         progress: reports every bound.
-        before: bounds of fewer starts of this contest, which are not computed again.
 
     Raises:
         ConfigError: see `Meeting.of`, or of a landing `Lander.of`.
     """
-    lower = [] if before is None else [*before.lower]
-    for k in range(len(lower), min(count, contest.episodes)):
-        lower.append(_lower(contest, k))
-        progress(1)
     problem = contest.task.optimal_problem
-    deadlines = None
-    if problem == "rendezvous":
-        deadlines = np.array([_deadline(contest, k) for k in range(len(lower))])
     spending = "propellant" if problem == "landing" else "impulse"
-    return MissionBounds(np.array(lower), spending, deadlines)
+    lower: list[float] = []
+    deadlines: list[float] | None = [] if problem == "rendezvous" else None
+    for k in range(min(count, contest.episodes)):
+        lower.append(_lower(contest, k))
+        if deadlines is not None:
+            deadlines.append(_deadline(contest, k))
+        progress(1)
+        yield MissionBounds(np.array(lower), spending, deadlines)
+
+
+def add_bounds(comparison: Any, count: int, stages: Stages) -> None:
+    """Add the bounds of the first starts to a comparison; an interrupt leaves those that are known."""
+    step = stages("certified bounds", count)
+    found = None
+    try:
+        for found in mission_bounds(comparison.contest, count, step):
+            comparison.mission = found
+    finally:
+        if found is not None:
+            comparison.notes.append(found.sentence(comparison.entries))
+            comparison.failures += found.impossible(comparison.entries)
 
 
 def _lower(contest: Contest, k: int) -> float:

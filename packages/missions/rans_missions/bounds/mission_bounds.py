@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 
 from rans.evaluation.compare.contest import Entry
-from rans.evaluation.measure.metrics import impulses, propellant_used
+from rans.evaluation.measure.metrics import propellant_used
+from rans.extend import impulses
 
 _ROUNDING = 1e-6
 """Relative error of what is spent and of a bound by rounding."""
@@ -22,14 +23,14 @@ class MissionBounds:
 
     On an orbit they are of the impulse, without limits such as cones and keep-out balls, and of inspections too. Of
     landings they are of the propellant, within the limits of the task, for a craft that has to turn and whose
-    engines may be throttled one by one. A package computes them (`rans.evaluation.problems`).
+    engines may be throttled one by one.
     """
 
     lower: np.ndarray
     """(n,) of success from each of the first n starts, on an orbit by its deadline; infinite: there is none."""
     spending: Literal["impulse", "propellant"] = "impulse"
     """What is bounded: impulse, N s, or propellant, kg."""
-    deadlines: np.ndarray | None = None
+    deadlines: Sequence[float] | None = None
     """(n,) s: deadline of each of these starts; None: the end of the episode."""
 
     @property
@@ -102,6 +103,6 @@ class MissionBounds:
         """
         return {
             "spending": self.spending,
-            "deadlines": None if self.deadlines is None else self.deadlines.tolist(),
+            "deadlines": self.deadlines,
             "lower": [x if np.isfinite(x) else None for x in self.lower.tolist()],
         }
