@@ -1,9 +1,7 @@
 """How surely the agents that come with RANS do not fail: each flown a million times.
 
 ``python -m campaigns.assurances`` runs what `rans assure` runs for every one of them, on a GPU if there is
-one, keeps docs/validation/assurance/NAME.json and writes the table of docs/assurance/assurances.md. Campaigns
-that are there already, of the same code, are not flown again, but their failures are: on a machine with Drake,
-by Drake.
+one, writes docs/validation/assurance/NAME.json and the table of docs/assurance/assurances.md.
 """
 
 from __future__ import annotations
@@ -91,11 +89,7 @@ class Assurances:
         )
         file = _file(self.docs, spec, conditions)
         file.parent.mkdir(parents=True, exist_ok=True)
-        assurance.go_on(file)
-        assurance.fly(
-            "cuda" if torch.cuda.is_available() else "cpu",
-            keep=lambda: write_json(file, assurance.to_json()),
-        )
+        assurance.fly("cuda" if torch.cuda.is_available() else "cpu")
         if self.replay:
             assurance.replay(_WORST, _WORST)
         write_json(file, assurance.to_json())

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 import os
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -41,8 +40,6 @@ STRESSED = ("lab", "roboran", "orbit", "harsh")
 """Conditions of a robustness sweep where none are named."""
 ASSURED = 100_000
 """Flights of an assurance where neither their number nor a bound is given."""
-_KEPT = 10.0
-"""Seconds between two writes of the results so far."""
 
 
 def stress(
@@ -155,8 +152,7 @@ def assure(
         seed: random seed of starts, goals and conditions.
         device: "auto" (a GPU if there is one), "cpu" or "cuda".
         trust: see `rans.api.judging.compare`.
-        output: folder of the results; by default that of the agent, and in Python none is written. The same
-            assurance goes on from what is there.
+        output: folder of the results; by default that of the agent, and in Python none is written.
         show: function that is called with the assurance at the end, also after an interrupt or an error.
 
     Raises:
@@ -187,14 +183,7 @@ def assure(
     if output is not None:
         assurance.write_into(ready_folder(Path(output)))
     processor = torch_device(device)
-    written = time.monotonic()
     file = assurance.file
-
-    def keep() -> None:
-        nonlocal written
-        if file is not None and time.monotonic() - written > _KEPT:
-            write_json(file, assurance.to_json())
-            written = time.monotonic()
 
     def end() -> None:
         """Write and show what was flown so far.
@@ -208,10 +197,8 @@ def assure(
         if show is not None:
             show(assurance)
 
-    if file is not None:
-        assurance.go_on(file)
     with writing_at_end(end), watched() as stage:
-        assurance.fly(processor, stage, keep)
+        assurance.fly(processor, stage)
         stage("failed flights again", None)
         assurance.replay(again, again)
     return assurance

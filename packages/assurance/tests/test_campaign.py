@@ -10,7 +10,6 @@ import pytest
 from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
 
-from rans.errors import ConfigError
 from rans.flight_statistics import FlightStatistics
 from rans.verdict import Failure
 
@@ -46,13 +45,9 @@ def fleet(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("rans_assurance.assure.campaign.Flights", Fleet)
 
 
-def _flown(campaign: Campaign, until: int | None = None) -> Campaign:
-    def stop() -> None:
-        if until is not None and campaign.flights >= until:
-            raise KeyboardInterrupt
-
+def _flown(campaign: Campaign) -> Campaign:
     setup: object = None
-    campaign.fly(setup, setup, "cpu", keep=stop)  # type: ignore[arg-type]  # the fleet needs neither
+    campaign.fly(setup, setup, "cpu")  # type: ignore[arg-type]  # the fleet needs neither
     return campaign
 
 
@@ -99,23 +94,3 @@ def test_bars_reach_their_ends_where_a_campaign_is_decided_early() -> None:
     assert len(bars) > 1
     assert all(done == total for done, total in bars.values())
     assert [total for _, total in bars.values()][-1] == campaign.flights
-
-
-@pytest.mark.usefixtures("fleet")
-def test_what_was_interrupted_goes_on_to_the_same_end() -> None:
-    whole, part = (Campaign(plan(0.99, 60_000), 0) for _ in range(2))
-    _flown(whole)
-    with pytest.raises(KeyboardInterrupt):
-        _flown(part, until=20_000)
-    assert 20_000 <= part.flights < 60_000
-    assert not part.over
-    gone_on = Campaign(plan(0.99, 60_000), 0)
-    gone_on.go_on_from(part.to_json())
-    _flown(gone_on)
-    assert (gone_on.flights, gone_on.events, gone_on.listed) == (
-        whole.flights,
-        whole.events,
-        whole.listed,
-    )
-    with pytest.raises(ConfigError, match="delete its file"):
-        gone_on.go_on_from({"flights": 3})

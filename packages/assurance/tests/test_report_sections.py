@@ -122,7 +122,7 @@ def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None
             False,
             "Not decided: whether the probability of failure is below 0.02. 17 of",
         ),
-        ("open", 4000, None, "Interrupted, to be gone on with by the same command. Not decided"),
+        ("open", 4000, None, "Interrupted. Not decided"),
     ):
         looks = {"looks": [[flights, 0.01, 0.01]]}
         section = assurance_section(

@@ -1,13 +1,11 @@
 """Assurance of an agent: its setup, the number of flights and failures, and bounds on the failure probability.
 
-`rans.assure` fills an `Assurance` step by step; its page, its JSON file and the command print what it holds, and an
-interrupted one is read back from the file.
+`rans.assure` fills an `Assurance` step by step; its page, its JSON file and the command print what it holds.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -27,7 +25,6 @@ from rans.extend import (
     conditions_text,
     contestant,
     inside,
-    read_json,
     scenarios,
     unseen_stages,
     view_command,
@@ -59,7 +56,7 @@ class Assurance:
     command: str = ""
     """Command line that made the assurance."""
     environment: dict[str, str] = field(default_factory=this_environment)
-    """Environment of the machine that flew last; another may fly the failures again."""
+    """Environment of the machine that flew."""
     trust: bool = False
     """Whether the policy may be a pickle, which runs the code in it."""
     world: Conditions | None = None
@@ -107,10 +104,7 @@ class Assurance:
 
     @property
     def about(self) -> dict[str, Any]:
-        """Facts that a campaign must share with an earlier one to continue it.
-
-        A file is continued only if all of them are equal, so that a fact that changes the flights must be here.
-        """
+        """What decides how the flights of the campaign end, and how they are counted."""
         plan = self.campaign.plan
         return {
             "agent": self.spec,
@@ -128,12 +122,11 @@ class Assurance:
         self,
         device: str,
         stages: Stages = unseen_stages,
-        keep: Callable[[], object] = lambda: None,
     ) -> None:
         """Count flights until the plan ends; see `Campaign.fly`."""
         controller = self.run.controller
         policy = controller.network if isinstance(controller, Agent) else controller
-        self.campaign.fly(policy, self.run.judged, device, stages, keep)
+        self.campaign.fly(policy, self.run.judged, device, stages)
 
     def replay(self, worst: int, sample: int) -> None:
         """Fly failed flights again, see `rans_assurance.assure.replay.replays`."""
@@ -150,9 +143,6 @@ class Assurance:
         """Have the results written into a folder, in a file for the task and the conditions that were named.
 
         Sets `file`, which the name of the task and a digest of the conditions decide.
-
-        Raises:
-            ConfigError: the file has another campaign, which was interrupted or has more flights.
         """
         part = label = ""
         with contextlib.suppress(ConfigError):  # an agent in memory may have any name
@@ -162,7 +152,6 @@ class Assurance:
             label = conditions_label(name, self.run.conditions or Conditions())
         stem = "-".join(filter(None, ("assurance", part, label)))
         self.file = inside(folder, f"{stem}.json")
-        self._check_replaces_nothing(self.file)
 
     @property
     def section(self) -> Section:
@@ -174,53 +163,8 @@ class Assurance:
 
         return html_of(self.section)
 
-    def go_on(self, file: Path) -> None:
-        """Continue an earlier, equal campaign from its file, if there is one."""
-        before = read_json(file) if file.exists() else {}
-        if not isinstance(before, dict) or self._differs_in(before.get("about")):
-            return
-        self.campaign.go_on_from(before.get("campaign", {}))
-        if self.campaign.over:
-            self.environment = before["environment"]
-
-    def _check_replaces_nothing(self, file: Path) -> None:
-        """Refuse (`ConfigError`) to replace a file of an interrupted or a larger campaign of another setup."""
-        before = read_json(file) if file.exists() else {}
-        try:
-            flights = before["campaign"]["flights"]
-            last_look = before["about"]["looks"][-1][0]
-            interrupted = before["decision"] == "open" and 0 < flights < last_look
-        except (KeyError, TypeError, IndexError):
-            return  # no campaign
-        larger = flights > self.campaign.plan.flights
-        if (interrupted or larger) and (differing := self._differs_in(before["about"])):
-            was = "interrupted" if interrupted else "larger"
-            go_on = "go on with the command that the file tells, " if interrupted else ""
-            raise ConfigError(
-                f"{file} holds {flights:,} of {last_look:,} flights of a campaign that was {was}, "
-                f"and this is another one (by its {', '.join(differing)}): {go_on}choose "
-                "another folder with --output, or delete that file."
-            )
-
-    def _differs_in(self, about: Any) -> list[str]:
-        """Keys of `about` that differ; hashes are compared instead of the agent's folder, which may have moved."""
-
-        def comparable(about: Any) -> dict[str, Any]:
-            recorded = about if isinstance(about, dict) else {}
-            hashes = recorded.get("hashes")
-            return {
-                key: value for key, value in recorded.items() if key not in ("agent", "hashes")
-            } | (hashes if isinstance(hashes, dict) else {})
-
-        own = comparable(self.about)
-        theirs = comparable(about)
-        return [key for key in own if key not in theirs or theirs[key] != own[key]]
-
     def to_json(self) -> dict[str, Any]:
-        """Content of the JSON file, which pages and later runs read; `write_json` writes it.
-
-        A later run continues from it: "about" and "campaign" are read back, the rest is computed again.
-        """
+        """Content of the JSON file, which pages read; `write_json` writes it."""
         campaign = self.campaign
         kinds = {
             "any": None,

@@ -1,15 +1,13 @@
-"""Campaigns: flights are counted until a look of the plan ends them; an interrupted campaign can be continued."""
+"""Campaigns: flights are counted until a look of the plan ends them."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass, field
 from typing import Any, cast
 
 from rans.extend import (
-    ConfigError,
     Controller,
     Failure,
     Flights,
@@ -82,7 +80,6 @@ class Campaign:
         setup: Setup,
         device: str,
         stages: Stages = unseen_stages,
-        keep: Callable[[], object] = lambda: None,
     ) -> None:
         """Fly until the plan ends; flights until an interrupt are kept.
 
@@ -91,7 +88,6 @@ class Campaign:
             setup: spacecraft, task with its starts, and timing.
             device: torch device.
             stages: reports flights until each analysis, since the last one that is made is not known before.
-            keep: called after every part.
         """
         fleet: Flights | ControllerFleet
         if hasattr(policy, "act"):
@@ -112,7 +108,6 @@ class Campaign:
                     self.add(part)
                     self.seconds += time.monotonic() - began
                     progress(part.flights)
-                    keep()
                     began = time.monotonic()
 
     def add(self, flown: FlightStatistics) -> None:
@@ -129,7 +124,7 @@ class Campaign:
         return [number for number, failure in self.listed if failure == kind]
 
     def to_json(self) -> dict[str, Any]:
-        """Content of "campaign" in the JSON file, whose keys `go_on_from` reads in a later run."""
+        """Content of "campaign" in the JSON file."""
         return {
             "flights": self.flights,
             "seed": self.seed,
@@ -138,18 +133,3 @@ class Campaign:
             "failures": {kind.name: count for kind, count in self.events.items()},
             "listed": {kind.name: self.numbers(kind) for kind in Failure},
         }
-
-    def go_on_from(self, before: Mapping[str, Any]) -> None:
-        """Replace flights, seconds, ways and failures by those of `to_json` (`ConfigError` if it lacks some)."""
-        try:
-            self.flights = before["flights"]
-            self.seconds = before["seconds"]
-            self.ways = set(before["ways"])
-            self.events = {kind: before["failures"].get(kind.name, 0) for kind in Failure}
-            self.listed = sorted(
-                (n, kind) for kind in Failure for n in before["listed"].get(kind.name, ())
-            )
-        except (KeyError, TypeError) as error:
-            raise ConfigError(
-                f"the earlier campaign is damaged: it lacks {error}; delete its file to begin again."
-            ) from error

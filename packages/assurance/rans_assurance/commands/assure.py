@@ -22,7 +22,7 @@ class Assure(Options):
 
     Writes assurance.json, of which `rans dossier` makes a page. Failed flights are repeated in NumPy and in
     Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
-    was shown. Ctrl-C keeps what was flown, and the same command continues. --episodes 0 flies nothing, and prints
+    was shown. Ctrl-C keeps what was flown. --episodes 0 flies nothing, and prints
     how many flights the campaign takes.
     """
 

@@ -73,11 +73,7 @@ def decision_sentence(result: Mapping[str, Any]) -> str:
             "above": f"Refuted: the probability of failure is above {below:g}. ",
             "open": f"Not decided: whether the probability of failure is below {below:g}. ",
         }[result["decision"]] + sentences
-    return (
-        sentences
-        if is_over(result)
-        else f"Interrupted, to be gone on with by the same command. {sentences}"
-    )
+    return sentences if is_over(result) else f"Interrupted. {sentences}"
 
 
 def is_over(result: Mapping[str, Any]) -> bool:
