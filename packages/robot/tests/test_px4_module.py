@@ -1,14 +1,19 @@
-"""An agent as a module of PX4, compiled with stand-ins of PX4's headers: golden pairs, a flight, refusals."""
+"""An agent as a module of PX4: golden pairs, a flight, refusals.
+
+It is compiled with stand-ins of PX4's headers, and by PX4 itself where the environment's PX4_TREE is a checkout of
+it (3a734bc846 of 2025-08-29, 1.17) with its submodules mavlink, libevents, heatshrink and gps/devices.
+"""
 
 from __future__ import annotations
 
 import ctypes
 import json
+import os
 import re
 import shlex
 import shutil
 import subprocess
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +37,10 @@ c++ -std=c++14 -O2 -fPIC -shared -Wall -Wextra -Werror -Wshadow -Wdouble-promoti
   -Iagent.px4 -Ipx4 -I{here} {here}/px4_vehicle.cpp agent.o agent_check.o -o module.so
 """
 """With PX4's warnings."""
+IN_PX4 = [
+    pytest.mark.slow,
+    pytest.mark.skipif("PX4_TREE" not in os.environ, reason="PX4_TREE names no checkout of PX4"),
+]
 Motors = Callable[[float, float, Motion, Motion], np.ndarray]
 
 
@@ -44,8 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def motors(folder: Path) -> Motors:
-    """Twelve commands of the compiled module at a time, s, of an estimate of another time and a goal."""
+def motors_of_stand_in(folder: Path) -> Motors:
     source = (folder / "agent.px4/rans_agent.cpp").read_text("utf-8")
     for name in re.findall("#include <(.+/.+)>", source):
         header = folder / "px4" / name
@@ -65,6 +73,64 @@ def motors(folder: Path) -> Motors:
         return result
 
     return motors
+
+
+BUILT_IN = {"PLATFORM_POSIX", "BOARD_ETHERNET", "BOARD_ROOT_PATH", "SYSTEMCMDS_PARAM"}
+BUILT_IN |= {"SYSTEMCMDS_SHUTDOWN", "SYSTEMCMDS_UORB"}
+"""Of what PX4's simulation has, this is enough to run modules."""
+COMMANDS = """
+. ./px4-alias.sh
+param select parameters.bson
+rans_agent check && rans_agent start && rans_vehicle {folder}/motions {folder}/motors
+shutdown
+"""
+
+
+@pytest.fixture(scope="module")
+def motors_of_px4(folder: Path) -> Iterator[Motors]:
+    """Of the module in a process of PX4, at the pace of its clock; a time of 0 begins anew."""
+    tree = Path(os.environ["PX4_TREE"])
+    modules = tree / "src/modules"
+    shutil.copytree(folder / "agent.px4", modules / "rans_agent", dirs_exist_ok=True)
+    here = Path(__file__).parent / "rans_vehicle"
+    shutil.copytree(here, modules / "rans_vehicle", dirs_exist_ok=True)
+    board = tree / "boards/px4/sitl"
+    usual = re.findall("CONFIG_(.+)=y", (board / "default.px4board").read_text("utf-8"))
+    lines = [f"CONFIG_{name}=n\n" for name in usual if name not in BUILT_IN]
+    own = "BOARD_NOLOCKSTEP", "MODULES_RANS_AGENT", "MODULES_RANS_VEHICLE"
+    lines += [f"CONFIG_{name}=y\n" for name in own]
+    (board / "rans.px4board").write_text("".join(lines), "utf-8")
+    alone = {**os.environ, "GIT_SUBMODULES_ARE_EVIL": "1"}
+    subprocess.run(["make", "px4_sitl_rans"], cwd=tree, env=alone, check=True)
+
+    for name in ("motions", "motors"):
+        os.mkfifo(folder / name)
+    (folder / "commands").write_text(COMMANDS.format(folder=folder), "utf-8")
+    binaries = tree / "build/px4_sitl_rans/bin"
+    shutil.copy(binaries / "px4-alias.sh", folder)
+    with (
+        subprocess.Popen([binaries / "px4", "-d", "-s", "commands"], cwd=folder) as process,
+        (folder / "motions").open("w") as motions,
+        (folder / "motors").open() as commands,
+    ):
+
+        def motors(now: float, sample: float, own: Motion, goal: Motion) -> np.ndarray:
+            rows = np.hstack([*swapped(own), *swapped(goal)])
+            lines = list[str]()
+            for age in [1.0, now - sample] if now == 0.0 else [now - sample]:  # too old, it forgets
+                print(1e3 * age, *map(float, rows), file=motions, flush=True)
+                lines.append(commands.readline())
+            return np.array(lines[-1].split(), dtype=np.float32)
+
+        yield motors
+        motions.close()
+        assert process.wait(30) == 0
+
+
+@pytest.fixture(scope="module", params=["stand_in", pytest.param("px4", marks=IN_PX4)])
+def motors(request: pytest.FixtureRequest) -> Motors:
+    """Twelve commands of the compiled module at a time, s, of an estimate of another time and a goal."""
+    return request.getfixturevalue(f"motors_of_{request.param}")
 
 
 def motion(one: dict[str, Any]) -> Motion:
