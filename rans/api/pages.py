@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -17,6 +17,7 @@ from rans.errors import ConfigError, brief, one_of, require, text_of_name, whole
 from rans.files import write_text
 from rans.model.dynamics import State
 from rans.pretrained import pretrained_folder, pretrained_names
+from rans.registry import Registry
 from rans.scenario import EVALUATION_SEED
 from rans.settled import settled_alone
 
@@ -27,6 +28,11 @@ if TYPE_CHECKING:
 
 _HEIGHT = 480
 """Height of a replay in a notebook, pixels."""
+FILMS: Registry[Callable[..., None]] = Registry(
+    kind="kind of film", group="rans.films", built_in={}, checked=lambda writer: writer
+)
+"""What writes flights side by side as a film, by the ending of its name: of flights, file and progress
+(`rans.progress.Stages`). With ``check`` it only refuses (`ConfigError`) what could not be written."""
 
 
 @dataclass
@@ -66,11 +72,10 @@ class Replay:
         if kind == "page":
             write_text(file, self.html())
         elif kind == "film":
-            from rans.show.film import save_video
             from rans.show.progress import watched
 
             with watched() as stage:
-                save_video(self.flights, file, stage)
+                FILMS[file.suffix.lower()[1:]](self.flights, file, stage)
         else:
             from rans.show.figures.figures import episode_figure
             from rans.show.figures.picture_file import save_picture
@@ -177,9 +182,7 @@ def checked_kind(file: Path) -> Literal["page", "film", "picture"]:
             f"the file's name, got {str(file)!r}."
         )
     if kind == "film":
-        from rans.show.film import check_video
-
-        check_video(file)
+        FILMS[file.suffix.lower()[1:]]((), file, check=True)
     return kind
 
 

@@ -10,15 +10,18 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from rans.drawing import Scene, columns
-from rans.errors import ConfigError, MissingPackage, is_installed
-from rans.files import replace_file
-from rans.flight import Flight
-from rans.model.fields import map_leaves
-from rans.progress import Stages, unseen_stages
-from rans.tasks.quantities import QUANTITIES
+from rans.drawing import Scene
+from rans.extend import (
+    QUANTITIES,
+    ConfigError,
+    Flight,
+    Stages,
+    map_leaves,
+    replace_file,
+    require,
+    unseen_stages,
+)
 
-SUFFIXES = (".mp4", ".gif")
 _RATE = {".mp4": 25, ".gif": 12}
 """Frames a second."""
 _SIZE = {".mp4": (640, 480), ".gif": (432, 324)}
@@ -50,28 +53,28 @@ _INK = "#1F2933"
 _BORDER = "#B8C0CA"
 
 
-def check_video(file: Path) -> None:
-    """Refuse, before anything flies, what cannot become a film.
-
-    Raises:
-        ConfigError: another ending than `SUFFIXES`, a folder or device in its place, or no FFmpeg.
-    """
-    if file.suffix.lower() not in SUFFIXES:
-        raise ConfigError(
-            f"--video writes a film, whose name must end in .mp4 or .gif, got {str(file)!r}."
-        )
-    if file.exists():
-        raise ConfigError(f"{file} exists already; choose another name for the film.")
-    if not is_installed("imageio_ffmpeg"):
-        raise MissingPackage("imageio_ffmpeg")
-
-
-def save_video(flights: Sequence[Flight], file: Path, stages: Stages = unseen_stages) -> None:
+def save_video(
+    flights: Sequence[Flight], file: Path, stages: Stages = unseen_stages, check: bool = False
+) -> None:
     """Write a film: a column for each flight, a row for each episode, each in a view that has all of it.
 
-    In each stand who flies, the time and the task's errors. Progress is reported frame by frame.
-    `ConfigError` if FFmpeg fails or the disk refused; whatever ends it, no half film is left.
+    In each stand who flies, the time and the task's errors. Progress is reported frame by frame. Whatever ends it,
+    no half film is left.
+
+    Args:
+        flights: what is filmed.
+        file: its name ends in .mp4 or .gif.
+        stages: reports progress.
+        check: whether to refuse only what could not be written.
+
+    Raises:
+        ConfigError: something is in the file's place, there is no FFmpeg or it fails, or the disk refused.
     """
+    if file.exists():
+        raise ConfigError(f"{file} exists already; choose another name for the film.")
+    require("imageio_ffmpeg")
+    if check:
+        return
     ending = file.suffix.lower()
     width, height = _SIZE[ending]
     episodes = max(flight.commands.shape[1] for flight in flights)
@@ -123,7 +126,8 @@ class Episode:
         outside = np.flatnonzero(~inside)
         self.solved = min(int(outside[-1]) + 1 if len(outside) else 0, end - 1)
         """The instant from which the task stays solved; the last one if there is none."""
-        self._path = columns(self._states.p)[:end]
+        place = self._states.p.columns()
+        self._path = np.stack(np.broadcast_arrays(*place, 0.0)[:3], axis=-1)[:end]
         self._size = width, height
         self._scene = Scene(flight.craft, flight.task, width, height - round(_HEAD * height))
 

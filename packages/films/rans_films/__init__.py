@@ -1,0 +1,1 @@
+"""Films of flights (entry points ``rans.films``)."""
