@@ -24,7 +24,7 @@ from rans.files import write_json
 from rans.structure import read_toml
 from tests.support import plugins
 from tests.support.training import CONFIG
-from tests.support.written_files import RESULTS, TUNED
+from tests.support.written_files import TUNED, contents
 
 plugins.register()
 
@@ -214,10 +214,8 @@ def test_contract_of_an_export(here, trained):
 
 
 def test_results(here):
-    more = {
-        "card.json": {"training": "x", "agent": "y"},
-    }
-    for name, table in (RESULTS | more).items():
+    card = {"training": "x", "agent": "y"}
+    for name, table in (contents() | {"card.json": card}).items():
         for _, changed in texts(table):
             shutil.rmtree("results", ignore_errors=True)
             write_json(Path("results") / name, changed)

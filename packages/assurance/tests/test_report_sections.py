@@ -11,7 +11,7 @@ from rans_assurance.sections.assurance import assurance_section
 from rans.errors import ConfigError
 from rans.files import write_json
 from rans.show.pages.report import report_from_run
-from tests.support.run_files import contents
+from tests.support.written_files import contents
 
 ASSURANCE: dict[str, Any] = contents()["assurance-lab.json"]
 del ASSURANCE["scope"]  # as of version 0.2.0

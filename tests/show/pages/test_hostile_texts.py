@@ -33,8 +33,8 @@ from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, HOSTILE_NAME, live, ran
 from tests.support.evaluation_flights import two_episodes
-from tests.support.run_files import contents
 from tests.support.training_rows import ROWS
+from tests.support.written_files import contents
 
 pytestmark = [
     # Such names leave no room for the axes of some figures.
