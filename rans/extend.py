@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rans.deploy.forms import FORMATS as FORMATS
     from rans.deploy.forms import Format as Format
     from rans.deploy.program import Ports as Ports
+    from rans.effectors.commands import action_space as action_space
     from rans.effectors.effector import Action as Action
     from rans.effectors.effector import Begun as Begun
     from rans.effectors.effector import Effector as Effector
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from rans.episode import Mover as Mover
     from rans.episode import Setup as Setup
     from rans.episode import World as World
+    from rans.episode import step as step
     from rans.errors import ConfigError as ConfigError
     from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief

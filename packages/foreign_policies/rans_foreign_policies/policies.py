@@ -27,12 +27,13 @@ from typing import Any
 import numpy as np
 
 from rans import RansWarning
-from rans.effectors.commands import action_space, allowed
+from rans.effectors.commands import allowed
 from rans.extend import (
     ConfigError,
     ForeignPolicy,
     Spacecraft,
     Task,
+    action_space,
     brief,
     first_line,
     is_installed,

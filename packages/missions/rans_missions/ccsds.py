@@ -18,7 +18,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans.errors import RansWarning, checked, one_line
+from rans import RansWarning
+from rans.errors import checked, one_line
 from rans.extend import (
     ClohessyWiltshire,
     ConfigError,

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import step
 from rans.extend import (
     MOST_STEPS,
     Conditions,
@@ -32,6 +31,7 @@ from rans.extend import (
     leaves,
     map_leaves,
     positive,
+    step,
 )
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, step
+from rans.episode import Episode
 from rans.extend import (
     ConfigError,
     Heading,
@@ -33,6 +33,7 @@ from rans.extend import (
     leaves,
     map_leaves,
     scenarios,
+    step,
 )
 
 _NODES = 4

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from rans import FaultConditions
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -20,7 +21,6 @@ from rans.extend import (
     distinct,
     load_conditions,
 )
-from rans.randomization.conditions import FaultConditions
 from rans.randomization.plausible import implausible
 from rans.structure import is_range
 

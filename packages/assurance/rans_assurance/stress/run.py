@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-from rans.errors import RansError, meant
+from rans import RansError
+from rans.errors import meant
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
 from rans.evaluation.fly.controllers import CONTROLLERS

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rans import BodyConditions, DisturbanceConditions, SensorConditions, SensorsConditions
 from rans.extend import (
     Body,
     Conditions,
@@ -22,12 +23,6 @@ from rans.extend import (
     to_toml,
     write_json,
     write_text,
-)
-from rans.randomization.conditions import (
-    BodyConditions,
-    DisturbanceConditions,
-    SensorConditions,
-    SensorsConditions,
 )
 from rans_robot.identify.fit import CHANNELS, LEAST_NOISE, Fit, channel_columns
 
