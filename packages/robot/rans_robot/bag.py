@@ -6,15 +6,17 @@ Times are nanoseconds since 1970; foreign readers are in the tests.
 from __future__ import annotations
 
 import contextlib
+import math
 import queue
 import struct
 import threading
+import time
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.extend import ConfigError, first_line, replace_file, require
+from rans.extend import ConfigError, first_line, require
 from rans.files import open_regular, why_unwritten
 from rans_robot.messages import definition
 
@@ -24,6 +26,8 @@ _MOST_WAITING = 2**26
 """Bytes that may wait for a slow disk."""
 _OVERHEAD = 31
 """Bytes of a message in a bag beside its data: opcode, length, channel, number and two times."""
+_CHUNK = 0.1
+"""s of messages that a chunk has at least; those of the last chunk are lost if the process is killed."""
 _PATIENCE = 5.0
 """s that the end of a flight waits for the disk, once the valves are shut."""
 
@@ -43,14 +47,13 @@ class BagWriter:
 
     Args:
         file: new file.
-        has_index: whether messages wait for a chunk of an index; otherwise a bag ends where its process ended.
 
     Raises:
         MissingPackage: the package mcap is not installed.
         ConfigError: the file exists already, or the disk refuses.
     """
 
-    def __init__(self, file: Path, has_index: bool = False) -> None:
+    def __init__(self, file: Path) -> None:
         require("mcap")
         from mcap.writer import CompressionType, Writer
 
@@ -60,9 +63,7 @@ class BagWriter:
             file.parent.mkdir(parents=True, exist_ok=True)
             self._stream = file.open("xb")
             # Every reader can read what is not compressed.
-            self._writer = Writer(
-                self._stream, use_chunking=has_index, compression=CompressionType.NONE
-            )
+            self._writer = Writer(self._stream, compression=CompressionType.NONE)
             self._writer.start(profile="ros2", library="rans")
         except OSError as error:
             raise ConfigError(f"cannot write {file}: {why_unwritten(error)}.") from error
@@ -93,8 +94,8 @@ class BagWriter:
         )
 
     def flush(self) -> None:
-        """Hand everything to the operating system."""
-        self._stream.flush()
+        """End the chunk of what was written, and hand everything to the operating system."""
+        self._writer.flush()
 
     def close(self) -> None:
         """Finish the bag."""
@@ -169,35 +170,18 @@ class Recorder:
         try:
             for topic, kind in self._topics.items():
                 self._bag.declare(topic, kind)
+            flushed = -math.inf
             while (entry := self._queue.get()) is not None:
                 self._bag.write(entry)
                 self._written += len(entry.data) + _OVERHEAD
-                if self._queue.empty():
+                if self._queue.empty() and time.monotonic() - flushed > _CHUNK:
                     self._bag.flush()
+                    flushed = time.monotonic()
             self._bag.close()
         except Exception as error:  # of the disk, or of the library that writes
             self._end(f"it cannot be written ({error})")
             with contextlib.suppress(Exception):
                 self._bag.close()
-
-
-def index_bag(file: Path) -> None:
-    """Rewrite a finished bag in chunks with an index, by which tools seek in it; its messages stay as they are.
-
-    A bag that is being recorded has no chunks, so that no message waits in memory. The file is replaced as a
-    whole: where that fails it stays as it was.
-
-    Raises:
-        ConfigError: the file is no bag, or the disk refuses.
-    """
-
-    def indexed(draft: Path) -> None:
-        draft.unlink()
-        with contextlib.closing(BagWriter(draft, has_index=True)) as bag:
-            for entry in bag_entries(file):
-                bag.write(entry)
-
-    replace_file(file, indexed)
 
 
 _LARGEST_RECORD = 2**27
@@ -207,7 +191,7 @@ _LARGEST_RECORD = 2**27
 def bag_entries(file: Path) -> Iterator[BagMessage]:
     """Messages of an MCAP bag in the order in which they were written.
 
-    A bag whose process was killed ends with its last whole message. Checksums are compared where it has them:
+    A bag whose process was killed ends with its last whole chunk. Checksums are compared where it has them:
     that of a chunk before its messages come, that of all messages at the end.
 
     Raises:

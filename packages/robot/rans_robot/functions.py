@@ -133,7 +133,6 @@ def fly_on_robot(
     from rans.evaluation.fly.exported import is_exported
     from rans.extend import ContestantName, RunFolder, contestant, doing, read_contract
     from rans.fast.learn.config import to_table
-    from rans_robot.bag import index_bag
     from rans_robot.bus import open_bus, ros_domain
     from rans_robot.foreign import task_name, write_foreign_export
     from rans_robot.node import fly_over, planned_task
@@ -226,10 +225,6 @@ def fly_on_robot(
     finally:
         link.close()
     _say(report.text())
-    try:
-        index_bag(bag)
-    except ConfigError as error:
-        _say(f"The bag has no index, and tools read it from its beginning: {error}")
     _say(f"The flight is recorded in {bag}.")
     # Replay runs an agent that is code.
     again = ["rans", "replay", str(bag), *(["--trust"] if runs_code(folder) else [])]

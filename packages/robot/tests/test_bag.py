@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from rans_robot.bag import BagMessage, bag_entries, index_bag
+from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.bus import Distribution, ZenohBus
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import POSE, TEXT, text_message
@@ -55,7 +55,6 @@ def test_the_official_decoder_reads_every_message(tmp_path: Path) -> None:
     from mcap.reader import make_reader
 
     file, rows = written(tmp_path)
-    index_bag(file)
     with file.open("rb") as stream:
         reader = make_reader(stream, decoder_factories=[ros2.DecoderFactory()])
         kinds = []
@@ -66,11 +65,10 @@ def test_the_official_decoder_reads_every_message(tmp_path: Path) -> None:
     assert sorted(kinds) == sorted(row.kind for row in rows)
 
 
-def test_an_indexed_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -> None:
+def test_a_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -> None:
     from mcap.reader import SeekingReader
 
     file, rows = written(tmp_path)
-    index_bag(file)
     assert list(bag_entries(file)) == rows
     with file.open("rb") as stream:
         reader = SeekingReader(stream)
@@ -83,15 +81,6 @@ def test_an_indexed_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -
         )
         poses = [m.data for _, _, m in reader.iter_messages(topics=["/pingu/pose"])]
     assert poses == [row.data for row in rows if row.topic == "pingu/pose"] != []
-
-
-def test_a_bag_that_cannot_be_indexed_stays(tmp_path: Path) -> None:
-    file = tmp_path / "flight.mcap"
-    file.write_bytes(b"no bag")
-    with pytest.raises(ConfigError, match="is no MCAP bag"):
-        index_bag(file)
-    assert file.read_bytes() == b"no bag"
-    assert [one.name for one in tmp_path.iterdir()] == ["flight.mcap"]
 
 
 SPOKEN = text_message("hello")
