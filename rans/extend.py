@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from rans.deploy.forms import Format as Format
     from rans.deploy.program import Ports as Ports
     from rans.effectors.commands import action_space as action_space
+    from rans.effectors.commands import per_velocity as per_velocity
     from rans.effectors.effector import Action as Action
     from rans.effectors.effector import Begun as Begun
     from rans.effectors.effector import Effector as Effector

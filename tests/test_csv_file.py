@@ -7,13 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rans_foreign_policies.flights_file import FlightsFile
 from rans_robot.identify.log import read_csv as read_log
 
 import rans
 from rans import ConfigError, Timing
 from rans.csv_file import read_csv
 from rans.episode import Setup
-from rans.evaluation.fly.flights_file import FlightsFile
 from rans.model.actuators import Throttle
 
 PLATFORM = rans.load_spacecraft("floating-platform")

@@ -29,7 +29,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import CONTROLLERS, MODULES, Maker, default_opponents
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import is_exported
-from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.fly.make_controller import CheckedController, controller
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.trade_off import without_trade_off
@@ -251,8 +250,8 @@ def enlist(
     run = _single(named.text, named.controller, run)
     _check_same(named.text, run, contest)
     run = run.under(contest.conditions or Conditions())
-    if isinstance(run.controller, FlightsFile):
-        run.controller.check_starts(contest.episodes)
+    if named.kind == "flights":
+        run.controller.reset(contest.episodes)  # refuses a file without so many
         return Contestant(run.controller.name, run.controller, _NOTHING, _UNKNOWN)
     effort = _budget(named.controller, contest) if named.controller else _tuning(named)
     # An agent for any craft is given mass, inertia and thrusters of the craft that it flies.

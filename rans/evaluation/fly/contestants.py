@@ -18,10 +18,16 @@ from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
+from rans.flight import Controller
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
-from rans.registry import are_files_trusted, typed
+from rans.registry import Registry, are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
+
+FLIGHTS: Registry[Callable[[str, Setup], Controller]] = Registry(
+    kind="reader of flights", group="rans.flights", built_in={}, checked=lambda reader: reader
+)
+"""Readers of files with flights, by the ending of a file: of its name and the setup. What they make flies them."""
 
 
 class Terms(NamedTuple):
@@ -52,7 +58,7 @@ def contestant(
             position of a trade-off. Policies of other libraries (see `user_policy`) end in the same
             ``:TASK-2d@SPACECRAFT``, or fly ``default_setup``. A folder may also hold an exported agent
             (`rans.evaluation.fly.exported`). FILE.csv holds flights, which fly ``default_setup``
-            (`rans.evaluation.fly.flights_file`). An agent for any craft flies another one than its own as
+            (`FLIGHTS`). An agent for any craft flies another one than its own as
             ``any-craft-2d@SPACECRAFT`` (`rans.evaluation.fly.any_craft`), and estimates in flight what the
             craft's file does not state as ``adaptive:any-craft-2d@SPACECRAFT``. ``any-craft-2d#0.5@SPACECRAFT``
             takes more time to spend less thrust, from 0 (fast) to 1 (frugal); ``#2cm,2deg`` sets tolerances, and
@@ -86,10 +92,8 @@ def _loaded(name: ContestantName, terms: Terms) -> LoadedRun:
 
 def _flights(name: ContestantName, terms: Terms) -> LoadedRun:
     """Flights of a file, in the setup of the first contestant."""
-    from rans.evaluation.fly.flights_file import FlightsFile
-
     assert terms.setup is not None
-    return LoadedRun(FlightsFile(name.name, terms.setup), *terms.setup[:4])
+    return LoadedRun(FLIGHTS["csv"](name.name, terms.setup), *terms.setup[:4])
 
 
 def _policy(name: ContestantName, terms: Terms) -> LoadedRun:

@@ -15,7 +15,6 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.effectors.commands import per_velocity
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -30,6 +29,7 @@ from rans.extend import (
     floor,
     largest,
     map_leaves,
+    per_velocity,
     scenario,
     within,
 )

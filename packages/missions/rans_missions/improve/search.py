@@ -64,7 +64,7 @@ class Improved:
     def write(self, file: str | Path) -> Path:
         """Write the flights as a contestant of `rans compare`: a CSV file of commands.
 
-        `rans.evaluation.fly.flights_file` reads it. A start without pulses has a row of zeros, or it would be
+        `rans compare` reads it. A start without pulses has a row of zeros, or it would be
         missing.
         """
         text = io.StringIO()

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_foreign_policies.flights_file import FlightsFile
 from rans_missions.improve import pulses, search
 from rans_missions.improve.command import Improve, improve
 from rans_missions.improve.pulses import judged
@@ -15,7 +16,6 @@ from rans_missions.script import Script
 
 from rans.episode import Setup
 from rans.errors import ConfigError
-from rans.evaluation.fly.flights_file import FlightsFile
 from rans.evaluation.measure.metrics import impulses, won
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing

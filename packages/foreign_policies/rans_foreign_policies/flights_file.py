@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 from rans.csv_file import CsvFile, read_csv
-from rans.effectors.commands import check_commands, per_velocity
-from rans.episode import Setup
-from rans.errors import ConfigError, counted
-from rans.model.fields import Heading, Quat
+from rans.effectors.commands import check_commands
+from rans.extend import ConfigError, Heading, Quat, Setup, counted, per_velocity
 
 _LARGEST = 2**26
 """Bytes: a thousand flights of a thousand control periods with six commands take 40 MB."""
@@ -107,17 +105,17 @@ class FlightsFile:
         """Number of starts that the file has flights of."""
         return self._given.shape[1]
 
-    def check_starts(self, count: int) -> None:
-        """Refuse (`ConfigError`) a file that does not have a flight of each of ``count`` starts."""
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`; episode k flies the flight of start k.
+
+        Raises:
+            ConfigError: the file does not have a flight of each of so many starts.
+        """
         if count > self.starts:
             raise ConfigError(
                 f"{self.name} has flights of {counted(self.starts, 'start')}, and {count} fly; add --episodes "
                 f"{self.starts}, or add flights to it."
             )
-
-    def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; episode k flies the flight of start k."""
-        self.check_starts(count)
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
