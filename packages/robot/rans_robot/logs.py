@@ -16,7 +16,7 @@ import numpy as np
 
 from rans.extend import ConfigError, Spacecraft, counted
 from rans_robot.bag import BagMessage, bag_entries
-from rans_robot.identify.log import MOST_READINGS, FlightLog, unstamped, unstamped_note
+from rans_robot.identify.log import MOST_READINGS, FlightLog
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import read_table
 from rans_robot.node import FLIGHT_TOPIC
@@ -108,13 +108,7 @@ def read_bag(
         except ValueError as error:  # a message that the robot's node would refuse too
             refused[topic] += 1
             reasons.setdefault(topic, f"; {topic}: {error}")
-    # Without what has no time, both must be left.
     given = np.array(sorted(commands), dtype=np.int64)
-    early = {
-        "command": unstamped(given * 1e-9),
-        "reading": sum(_drop_unstamped(x) for x in topics.values()),
-    }
-    given = given[early["command"] :]
     count = sum(len(column.parts) for column in topics.values())
     if not count or not len(given):
         raise ConfigError(
@@ -128,7 +122,6 @@ def read_bag(
     notes = [
         f"{source}: commands have no time stamp; theirs are the times at which they were recorded.",
         *notes,
-        *unstamped_note(source, early),
         *(
             f"{source}: {counted(count, 'message')} left out{reasons[topic]}."
             for topic, count in refused.items()
@@ -219,16 +212,6 @@ def _cause(ends: Interface, prefix: str, seen: set[str], is_of_rans: bool) -> st
     return f"{has}: name the kind of robot with --robot"
 
 
-def _drop_unstamped(column: _Topic) -> int:
-    """Leave out the first readings of a topic that have no time, and return how many they are."""
-    arrived = np.array(column.arrived, dtype=np.int64)
-    stamps = np.array(column.stamps, dtype=np.int64)
-    count = max(unstamped(arrived * 1e-9), unstamped(stamps * 1e-9))
-    for rows in (column.arrived, column.stamps, column.parts):
-        del rows[:count]
-    return count
-
-
 def _dated(
     source: Path, prefix: str, topics: dict[str, _Topic]
 ) -> tuple[dict[str, np.ndarray], list[str]]:
@@ -243,8 +226,6 @@ def _dated(
         arrived = np.array(column.arrived, dtype=np.int64)
         stamps = np.array(column.stamps, dtype=np.int64)
         name = prefix + topic
-        if not len(stamps):
-            continue
         if not (stamps > 0).all() or (len(stamps) > 1 and np.ptp(stamps) == 0):
             notes.append(
                 f"{source}: {name} has no time stamps in its headers; its readings are dated by when they were "

@@ -158,26 +158,6 @@ def test_without_stamps_the_times_are_those_of_the_bag_and_that_is_said(tmp_path
     assert any("pose has no time stamps" in note for note in log.notes)
 
 
-def test_messages_before_the_clock_are_left_out(tmp_path: Path) -> None:
-    """As of a recorder with simulated time: rosbag2 writes the time 0 until the first /clock."""
-    begin = 1_700_000_000 * 10**9
-
-    def clock(k: int, _: str = "") -> int:
-        return 0 if k < 3 else begin + 200_000_000 * k
-
-    log = read_bag(recorded(tmp_path / "flight.mcap", stamp=clock, arrival=clock), PLATFORM)
-    assert log.times == pytest.approx(0.2 * np.arange(27))
-    assert log.command_times == pytest.approx(log.times)
-    assert any("left out" in note for note in log.notes)
-    # A simulation that begins at 0 does not.
-    zero = recorded(
-        tmp_path / "zero.mcap",
-        stamp=lambda k: 200_000_000 * k,
-        arrival=lambda k, _: 200_000_000 * k,
-    )
-    assert len(read_bag(zero, PLATFORM).commands) == 30
-
-
 def test_topics_below_a_namespace_are_named_and_read(tmp_path: Path) -> None:
     file = recorded(tmp_path / "flight.mcap", prefix="lab/robot1/")
     with pytest.raises(ConfigError, match=r"has lab/robot1/commands, .*--namespace lab/robot1"):

@@ -94,24 +94,6 @@ class FlightLog:
         return float(np.median(np.diff(self.command_times)))
 
 
-def unstamped(times: np.ndarray) -> int:
-    """How many messages at the beginning have no time: those of 0, before times (T,), s, that begin elsewhere.
-
-    A recorder with the simulated time, or a sensor whose clock is not set, stamps with 0 at first.
-    """
-    count = int(np.argmax(times != 0)) if np.any(times != 0) else 0
-    begins_elsewhere = count and (count > 1 or times[count] > _LONGEST_PERIOD)
-    return count if begins_elsewhere else 0
-
-
-def unstamped_note(source: object, counts: dict[str, int]) -> tuple[str, ...]:
-    """A sentence on messages without a time that were left out, by what they are; none if there are none."""
-    parts = [counted(count, what) for what, count in counts.items() if count]
-    if not parts:
-        return ()
-    return (f"{source}: {' and '.join(parts)} at the beginning had the time 0 and were left out.",)
-
-
 def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     """The log without readings before its first command, if it can be of this spacecraft; times are from that on.
 
@@ -312,13 +294,9 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     commands = np.column_stack([numbers[name] for name in inputs])
     given = np.flatnonzero(~np.isnan(commands).any(axis=1))
     taken = np.flatnonzero(~np.isnan(readings).all(axis=1))
-    early = {"command": unstamped(time[given]), "reading": unstamped(time[taken])}
-    given = given[early["command"] :]
-    taken = taken[early["reading"] :]
     notes = [
         f"{file}: times are read in s, positions and velocities in the world in m and m/s, attitudes from body to "
         "world, and angular velocities in the body in rad/s.",
-        *unstamped_note(file, early),
     ]
     if others := [cell for k, cell in enumerate(table.header) if k not in places.values()]:
         notes.append(f"{file}: columns that were not read: {brief(', '.join(others))}.")
