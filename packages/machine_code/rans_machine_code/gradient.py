@@ -325,7 +325,7 @@ class GradientCode(NamedTuple):
 @lru_cache(64)
 def gradient_code(code: GradientCode) -> Callable[..., None]:
     """The function, written once for all networks that are alike: that takes longer than hundreds of calls."""
-    return compiled((POINTER,) * 11 + (LONG, LONG), code.write)
+    return compiled((POINTER,) * 11 + (LONG, LONG), code.write)[0]
 
 
 def gradient(

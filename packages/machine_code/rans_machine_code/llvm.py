@@ -383,39 +383,31 @@ class Code(ir.IRBuilder):
             body(LONG(count - count % size), count % size)
 
 
-def compiled(
-    kinds: Sequence[ir.Type], write: Callable[..., object], level: int = 3
-) -> Callable[..., None]:
-    """A function that Python may call without its lock; arguments are addresses and whole numbers.
+def compiled(kinds: Sequence[ir.Type], *writes: Callable[..., object]) -> list[Any]:
+    """Functions that Python may call without its lock; arguments are addresses and whole numbers.
 
     Args:
-        kinds: of its arguments.
-        write: prints it, given its `Code` and arguments.
-        level: of LLVM's optimisation, 0 to 3.
+        kinds: of the arguments of each.
+        *writes: prints one, given its `Code` and arguments; together they take LLVM less time.
     """
     module: Any = ir.Module()
-    new = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), "run")
-    code = Code(new.append_basic_block())
-    write(code, *new.args)
-    code.ret_void()
-    engine = _engine(str(module), level)
-    function = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * len(kinds))(
-        engine.get_function_address("run")
-    )
-    vars(function)["engine"] = engine  # the code lives as long as it
-    return function
-
-
-@lru_cache(64)
-def _engine(text: str, level: int) -> Any:
-    """Machine code of a module as LLVM writes it: often the same in one process, and never changed."""
+    names = [f"run_{k}" for k in range(len(writes))]
+    for name, write in zip(names, writes, strict=True):
+        new = ir.Function(module, ir.FunctionType(ir.VoidType(), kinds), name)
+        code = Code(new.append_basic_block())
+        write(code, *new.args)
+        code.ret_void()
     with contextlib.suppress(RuntimeError):  # newer versions do so themselves
         binding.initialize()
     binding.initialize_native_target()
     binding.initialize_native_asmprinter()
     machine = binding.Target.from_default_triple().create_target_machine(
-        cpu=binding.get_host_cpu_name(), features=FEATURES, opt=level, jit=True
+        cpu=binding.get_host_cpu_name(), features=FEATURES, opt=3, jit=True
     )
-    engine = binding.create_mcjit_compiler(binding.parse_assembly(text), machine)
+    engine: Any = binding.create_mcjit_compiler(binding.parse_assembly(str(module)), machine)
     engine.finalize_object()
-    return engine
+    typed = ctypes.CFUNCTYPE(None, *[ctypes.c_int64] * len(kinds))
+    functions = [typed(engine.get_function_address(name)) for name in names]
+    for function in functions:
+        vars(function)["engine"] = engine  # the code lives as long as they
+    return functions

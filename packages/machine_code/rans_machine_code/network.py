@@ -101,7 +101,7 @@ class NetworkCode(NamedTuple):
 def network_code(network: NetworkCode) -> Callable[..., None]:
     """The function of a network, written once for all that are alike: that takes longer than hundreds of calls."""
     pointers = 4 + 2 * len(network.layers)
-    return compiled((LONG, LONG, *(POINTER,) * pointers), network.write)
+    return compiled((LONG, LONG, *(POINTER,) * pointers), network.write)[0]
 
 
 class CompiledNetwork:

@@ -11,12 +11,10 @@ import torch
 from torch import Tensor
 
 from rans.extend import Draws, Step, StepProgram, Symbol
-from rans_machine_code.program import QUICK, THOROUGH, CompiledProgram, ProgramMemory
+from rans_machine_code.program import CompiledProgram, ProgramMemory
 
 _BLOCK = 4096
 """Number of spacecraft whose numbers fit a processor's caches."""
-_MANY = 512
-"""Number of spacecraft that are worth a longer compilation: those of trainings, which take thousands of steps."""
 
 
 class CompiledStep:
@@ -53,7 +51,6 @@ class CompiledStep:
         compiled = CompiledProgram(
             [*(symbol for symbol, _ in self._given), stride, *self._commands],
             [store.value for store in self._stores],
-            level=THOROUGH if self._count >= _MANY else QUICK,
         )
         sizes = [min(_BLOCK, self._count - start) for start in range(0, self._count, _BLOCK)]
         room = {size: compiled.memory(size) for size in {*sizes}}

@@ -27,6 +27,6 @@ def test_activations_are_numpys(name: str) -> None:
 
         code.repeat(len(X) // LANES, [], vector)
 
-    compiled((POINTER, POINTER), write)(X.ctypes.data, out.ctypes.data)
+    compiled((POINTER, POINTER), write)[0](X.ctypes.data, out.ctypes.data)
     # Eigen's rational function is good to four units in the last place; elu divides by its difference to one.
     np.testing.assert_allclose(out, ORACLES[name](X.astype(np.float64)), rtol=8 * 2.0**-24)

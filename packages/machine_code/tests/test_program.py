@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_machine_code import program
 from rans_machine_code.program import CompiledProgram
 
 from rans.model.fields import absolute, atan2, cos, exp, floor, log, sin, sqrt, where
@@ -42,16 +43,20 @@ def inputs() -> dict[Symbol, Any]:
     }
 
 
-def test_every_operation() -> None:
+def test_every_operation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Interpreted, and then, of the same bits, as one function."""
+    monkeypatch.setattr(program, "_OFTEN", 1)
     given = inputs()
     memory = CompiledProgram(tuple(given), everything(*given)).memory(COUNT)
     given[next(iter(given))][:3] = np.nan
     memory.give(given.values())
     with np.errstate(invalid="ignore"):
         right = everything(*given.values())
-    for found, expected in zip(memory.run(0), right, strict=True):
+    interpreted = [np.copy(x) for x in memory.run(0)]
+    for found, expected in zip(interpreted, right, strict=True):
         # Numbers of order one.
         np.testing.assert_allclose(found, expected, rtol=0, atol=2e-6)
+    np.testing.assert_array_equal(memory.run(0), interpreted)
 
 
 def test_a_later_part_uses_what_an_earlier_one_found() -> None:
