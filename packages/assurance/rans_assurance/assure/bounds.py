@@ -18,7 +18,7 @@ _LOOKS = 5
 _MOST = 2**31 - 1
 """Largest number of flights of a seed."""
 _COUNTABLE = 2**62
-"""Largest number of flights that SciPy's binomial distribution takes."""
+"""Number of flights that stands for more than can be flown."""
 _EARLY = 0.1
 """Share of the error probability for looks before these."""
 _FIRST = 1024
@@ -53,20 +53,9 @@ class ProbabilityBound(NamedTuple):
         return self.events / self.flights if self.flights else math.nan
 
 
-def flights_needed(below: float, level: float, events: int = 0) -> int:
-    """Least number of flights with which `upper` of ``events`` is at most ``below``, or `_COUNTABLE`.
-
-    Exact by the binomial distribution: a number that is too small would claim a bound without the confidence.
-    """
-    low = 0
-    high = 1
-    while high < _COUNTABLE and binom.cdf(events, high, below) > level:
-        low = high
-        high = 2 * high
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if binom.cdf(events, middle, below) > level else (low, middle)
-    return high
+def flights_needed(below: float, level: float) -> int:
+    """Least number of flights without a failure with which `upper` is at most ``below``, or `_COUNTABLE`."""
+    return math.ceil(min(math.log(level) / math.log1p(-below), _COUNTABLE))
 
 
 @dataclass(frozen=True)
