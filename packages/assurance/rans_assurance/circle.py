@@ -177,10 +177,8 @@ class Guided(Task):
         return replace(goal, v=type(goal.v)(*command.T), notes=Progress(progress))
 
 
-def fly_circle(
-    run: LoadedRun, planner: LookAhead, seed: int, count: int, engine: Any = "fast"
-) -> Flight:
-    """Flights around the circle, of motion computed in float64 by an engine, for the time that all of them need.
+def fly_circle(run: LoadedRun, planner: LookAhead, seed: int, count: int) -> Flight:
+    """Flights around the circle, of motion computed in float64, for the time that all of them need.
 
     They start at rest with any attitude, up to `START_SPREAD` from the circle's first point.
 
@@ -210,7 +208,7 @@ def fly_circle(
         )
     timing = replace(run.timing, episode_steps=steps)
     setup = Setup(run.craft, Guided(task, planner), timing)
-    return fly_episodes(run.controller, setup, seed, count, engine)
+    return fly_episodes(run.controller, setup, seed, count)
 
 
 def tracked(flight: Flight, planner: LookAhead) -> Metrics:

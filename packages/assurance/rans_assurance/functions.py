@@ -29,7 +29,6 @@ from rans.scenario import ASSURANCE_SEED
 from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
-    from rans.choices import EngineName
     from rans.extend import Metrics
     from rans.randomization.conditions import FaultKind
     from rans.randomization.faults import FaultSet
@@ -211,7 +210,6 @@ def follow(
     look_ahead: float = 0.25,
     episodes: int = 16,
     seed: int = EVALUATION_SEED,
-    engine: EngineName = "fast",
 ) -> Metrics:
     """Fly an agent that tracks velocities around a circle of 1.5 m, with the paper's look-ahead planner.
 
@@ -227,7 +225,6 @@ def follow(
             within it.
         episodes: number of flights; each starts at rest near the first point of the circle, with another attitude.
         seed: random seed of the starts.
-        engine: what computes the motion, "fast" or "drake".
 
     Raises:
         ConfigError: the agent is for another task, or a number is out of its range.
@@ -237,7 +234,7 @@ def follow(
 
     planner = LookAhead(speed, look_ahead)
     run = in_protocol(agent, "own")
-    return tracked(fly_circle(run, planner, seed, whole("episodes", episodes), engine), planner)
+    return tracked(fly_circle(run, planner, seed, whole("episodes", episodes)), planner)
 
 
 FAULT_COLUMNS = ("fault", "recoverable", "least margin", "not recoverable")

@@ -17,7 +17,7 @@ from rans_assurance.functions import follow
 
 @command_of(
     follow,
-    without=("speed", "look_ahead", "seed", "engine"),
+    without=("speed", "look_ahead", "seed"),
     agent=word("RUN"),
 )
 class Follow(Options):
