@@ -1,7 +1,5 @@
 """Files of tests whose library is not installed are passed over, and nothing else is."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 from types import ModuleType

@@ -1,7 +1,5 @@
 """Errors as Python's own protocols expect them, and where one of a user's code was raised."""
 
-from __future__ import annotations
-
 import pytest
 
 from rans import TASKS, GoToPosePriced, errors

@@ -1,7 +1,5 @@
 """The notebook of the examples runs from top to bottom, without a training and without Jupyter."""
 
-from __future__ import annotations
-
 import json
 import re
 import sys

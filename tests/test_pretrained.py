@@ -1,7 +1,5 @@
 """The agents that come with RANS are small and complete; how they fly is in test_recorded.py."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from importlib.util import find_spec

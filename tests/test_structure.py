@@ -1,7 +1,5 @@
 """TOML that would keep its reader busy for minutes: one sentence at once."""
 
-from __future__ import annotations
-
 import json
 
 import pytest

@@ -1,7 +1,5 @@
 """Other libraries' trainers on the batched environment, as `examples/trainers` shows them."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

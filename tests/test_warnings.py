@@ -1,7 +1,5 @@
 """All warnings of RANS have classes of RANS, so that a user can filter them without their texts."""
 
-from __future__ import annotations
-
 import ast
 import warnings
 

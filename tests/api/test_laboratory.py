@@ -1,7 +1,5 @@
 """Whose `validation` the commands run."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

@@ -1,7 +1,5 @@
 """Optimal trajectories and certificates from states of one's own."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

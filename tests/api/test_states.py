@@ -1,7 +1,5 @@
 """Poses and zones as words."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Trainings from Python: settings by keyword."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import replace
 

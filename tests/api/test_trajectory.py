@@ -1,7 +1,5 @@
 """Optimal trajectories and certified commands as arrays and flights."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The problems of ARCH-COMP; the networks do not come with RANS."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rans_proof.problem import read_problem

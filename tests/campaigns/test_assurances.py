@@ -1,7 +1,5 @@
 """The campaign of assurances at a small size; what it counts is tested in packages/assurance/tests."""
 
-from __future__ import annotations
-
 from campaigns import assurances
 from campaigns.assurances import _campaigns
 from rans.verdict import Failure

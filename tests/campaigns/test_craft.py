@@ -1,7 +1,5 @@
 """The bounds beside agents of real craft: of whichever body is drawn, and below what the agents take."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from campaigns.craft import flown, least_settling_times, luckiest

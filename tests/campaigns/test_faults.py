@@ -1,7 +1,5 @@
 """The table of faults, against the flights that evaluations are made of and numbers worked by hand."""
 
-from __future__ import annotations
-
 from campaigns.batch import flown, loaded
 from campaigns.faults import bounds, rows
 from rans import Conditions, FaultConditions

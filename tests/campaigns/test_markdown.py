@@ -1,7 +1,5 @@
 """Tables that studies write into documents."""
 
-from __future__ import annotations
-
 from campaigns.markdown import with_table
 
 PAGE = "before\n<!-- table: a command -->\nold\n<!-- end of table -->\nafter\n"

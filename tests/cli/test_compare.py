@@ -1,7 +1,5 @@
 """``rans compare`` at the command line."""
 
-from __future__ import annotations
-
 import json
 import re
 import shlex

@@ -1,7 +1,5 @@
 """Help of commands: it fits, explains each option, and its examples are commands."""
 
-from __future__ import annotations
-
 from typing import get_type_hints
 
 import pytest

@@ -1,7 +1,5 @@
 """What people type from habit is answered by what it is called here."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

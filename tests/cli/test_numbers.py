@@ -1,7 +1,5 @@
 """Numbers of the command line."""
 
-from __future__ import annotations
-
 import pytest
 
 from rans.cli.numbers import whole_number

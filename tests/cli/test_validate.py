@@ -1,7 +1,5 @@
 """``rans validate`` as a user runs it."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import sys

@@ -1,7 +1,5 @@
 """Which part of a step only an episode's end needs."""
 
-from __future__ import annotations
-
 import pytest
 
 from rans import TASKS, Engine

@@ -1,7 +1,5 @@
 """Commands of a craft: their ranges, spaces, checks, and what a policy's outputs become."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import gymnasium

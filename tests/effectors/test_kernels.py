@@ -1,7 +1,5 @@
 """Kernels of craft with wheels, propellant and throttle levels, compiled for a CPU."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

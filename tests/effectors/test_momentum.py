@@ -1,7 +1,5 @@
 """No control period changes a craft's momentum by more than all of its thrusters can."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

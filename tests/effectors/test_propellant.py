@@ -1,7 +1,5 @@
 """Propellant: Tsiolkovsky's equation, an independent integration, Drake, and the end of a tank."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

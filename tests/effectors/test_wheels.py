@@ -1,7 +1,5 @@
 """Reaction wheels: the laws of mechanics, an independent integration, Drake, and their limits."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rans import Spacecraft

@@ -1,7 +1,5 @@
 """What only some tasks ask of the engine: the previous command, and goals that know their task."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

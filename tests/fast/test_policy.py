@@ -1,7 +1,5 @@
 """The network in SB3: its own policy class says the same with the same weights."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import stable_baselines3

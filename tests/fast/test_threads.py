@@ -1,7 +1,5 @@
 """Threads of torch."""
 
-from __future__ import annotations
-
 import pytest
 import torch
 

@@ -1,7 +1,5 @@
 """The largest force and torque along each axis, against numbers worked by hand."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

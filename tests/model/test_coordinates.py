@@ -1,7 +1,5 @@
 """Coordinates around a goal against SciPy's rotations; both directions undo each other."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation

@@ -1,7 +1,5 @@
 """Drifts, and what is carried by them, against SciPy's integrator of the equations they solve."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The equations of motion against analysis and SciPy; Drake's verdict is in tests/reference."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Masses and radii that do not fit each other."""
 
-from __future__ import annotations
-
 import itertools
 import math
 import time

@@ -1,7 +1,5 @@
 """Spacecraft: the paper's thruster tables by hand, and what cannot exist or be controlled."""
 
-from __future__ import annotations
-
 import dataclasses
 import warnings
 

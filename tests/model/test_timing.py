@@ -1,7 +1,5 @@
 """Timing: clocks of episodes."""
 
-from __future__ import annotations
-
 import pytest
 
 from rans import Timing

@@ -1,7 +1,5 @@
 """Twists that all thrusters give together, against linear programs."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Columns of a craft's authority at states whose place of rest was worked out by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """Conditions written down are the conditions read back."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Which faults are recoverable, against the faces of the set of wrenches and published counts."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

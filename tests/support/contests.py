@@ -1,7 +1,5 @@
 """Contests that take little time."""
 
-from __future__ import annotations
-
 from rans import GoToPose, Timing
 from rans.evaluation.compare.contest import Contest
 from rans.model.spacecraft_file import load_spacecraft

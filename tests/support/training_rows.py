@@ -1,7 +1,5 @@
 """Rows of progress of a training."""
 
-from __future__ import annotations
-
 ROWS = [
     {
         "steps": 1000 * k,

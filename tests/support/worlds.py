@@ -1,7 +1,5 @@
 """Conditions of tests: every effect at once, and each alone."""
 
-from __future__ import annotations
-
 from rans import (
     BodyConditions,
     Conditions,

@@ -1,7 +1,5 @@
 """Turns to an attitude: rewards by hand, and flights of a craft that has wheels and no thruster."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

@@ -1,7 +1,5 @@
 """A trade-off's prices by hand; and at every position it is go-to-pose with that price."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Positions to go to, by hand."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

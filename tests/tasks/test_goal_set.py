@@ -1,7 +1,5 @@
 """Goal sets of tasks: who must rest."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

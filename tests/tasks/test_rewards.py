@@ -1,7 +1,5 @@
 """The prices that every task can charge, by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

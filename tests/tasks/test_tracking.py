@@ -1,7 +1,5 @@
 """The tracking tasks by hand: states whose every number can be checked on paper."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

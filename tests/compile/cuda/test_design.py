@@ -1,7 +1,5 @@
 """Designs of the kernel of flights."""
 
-from __future__ import annotations
-
 from rans.compile.cuda.design import Design
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy

@@ -1,7 +1,5 @@
 """Relaxed optima in the contest's terms: what is asked, and what a flown trajectory is scored by."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -1,7 +1,5 @@
 """Names of contestants: each form has its parts, and loads nothing."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

@@ -1,7 +1,5 @@
 """Estimates: medians that count failures, intervals that SciPy agrees with, differences that stay paired."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

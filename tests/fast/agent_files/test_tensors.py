@@ -1,7 +1,5 @@
 """Tensors of agents as bytes: whole, damaged and foreign."""
 
-from __future__ import annotations
-
 import json
 import math
 

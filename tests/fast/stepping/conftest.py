@@ -1,5 +1,3 @@
 """Engines whose generated kernel runs on the CPU."""
 
-from __future__ import annotations
-
 from tests.support.host_kernels import engine_on_host  # noqa: F401  (a fixture)

@@ -1,7 +1,5 @@
 """The seam of bounders: with the package space has certificates; without it, the reason names the package."""
 
-from __future__ import annotations
-
 import math
 import tomllib
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Figures as files: inks that follow the choice of the reader."""
 
-from __future__ import annotations
-
 import re
 
 from matplotlib.figure import Figure

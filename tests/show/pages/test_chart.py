@@ -1,7 +1,5 @@
 """Charts: where marks stand, and that names are texts."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

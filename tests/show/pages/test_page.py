@@ -1,7 +1,5 @@
 """A page's verdict, and how it was made, as a reader sees them."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

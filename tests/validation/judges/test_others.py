@@ -1,7 +1,5 @@
 """Judges beside JEOD's orbits: five simulators of a brick, and positions along an arc."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

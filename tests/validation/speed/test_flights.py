@@ -1,7 +1,5 @@
 """What is measured of many flights."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.engines import PLATFORM

@@ -1,7 +1,5 @@
 """Flights under conditions against Drake: what is flown, and that an error is found in its group."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

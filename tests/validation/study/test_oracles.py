@@ -1,7 +1,5 @@
 """The oracles themselves, on cases that can be worked out on paper."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
