@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rans import ConfigError
 from rans.deploy.columns import written_columns
 from rans.deploy.contract import (
     contract,
     wiring,
 )
-from rans.errors import ConfigError
 from rans.fast.learn.run_folder import RunFolder
 from rans.pretrained import pretrained_folder
 from rans.tasks.derived import observation_width
@@ -38,12 +38,12 @@ def contract_and_wiring(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
 @pytest.mark.parametrize(
     "name", ["avoid-2d", "avoid-3d", "dock-port-2d", "dock-port-3d", "land-3d"]
 )
-def test_every_column_of_a_mission_has_a_meaning(name: str) -> None:
+def test_every_column_of_a_mission_has_a_meaning(name):
     columns, _ = columns_and_wiring(name)
     assert all(column["meaning"] for column in columns.values())
 
 
-def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
+def test_columns_of_the_nearest_zone_are_what_their_meaning_says():
     """Worked out from the zones in the notes of the goal."""
     columns, pairs = columns_and_wiring("avoid-2d")
     assert columns["zone 1 dx"]["meaning"] == "position of the centre of zone 1 minus own"
@@ -67,7 +67,7 @@ def test_columns_of_the_nearest_zone_are_what_their_meaning_says() -> None:
 @pytest.mark.parametrize(
     "name", ["go-to-pose-2d", "go-to-pose-3d", "track-velocity-2d", "track-twist-3d-shared"]
 )
-def test_columns_written_for_other_software_are_the_observation(name: str) -> None:
+def test_columns_written_for_other_software_are_the_observation(name):
     about, pairs = contract_and_wiring(name)
     written = written_columns(about)
     for *moving, row in zip(pairs["state"], pairs["goal"], pairs["observation"], strict=True):
@@ -89,7 +89,7 @@ def test_columns_written_for_other_software_are_the_observation(name: str) -> No
 @pytest.mark.parametrize(
     ("name", "reason"), [("land-3d", "opposite to gravity"), ("multi-task-2d", "several")]
 )
-def test_columns_of_something_else_are_refused(name: str, reason: str) -> None:
+def test_columns_of_something_else_are_refused(name, reason):
     about, _ = contract_and_wiring(name)
     with pytest.raises(ConfigError, match=reason):
         written_columns(about)

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rans import Conditions, GoToPose, SensorsConditions
 from rans.deploy.contract import (
     FLIGHTS,
     contract,
@@ -28,18 +29,13 @@ from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.pretrained import pretrained_folder
-from rans.randomization.conditions import (
-    Conditions,
-    SensorsConditions,
-)
-from rans.tasks import GoToPose
 from tests.support.exports import exported, written
 
 DOCS = Path(__file__).parents[2] / "docs"
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+def folder(tmp_path_factory) -> Callable[[str], Path]:
     """A shipped agent as NumPy with its contract and golden pairs, by its name."""
     root = tmp_path_factory.mktemp("agents")
 
@@ -109,9 +105,7 @@ def documented(folder: Path, stopped: Callable[[], bool], **robot: Any) -> dict[
 
 
 @pytest.mark.slow
-def test_the_documented_loop_does_not_warn_on_flights_that_arrive(
-    folder: Callable[[str], Path],
-) -> None:
+def test_the_documented_loop_does_not_warn_on_flights_that_arrive(folder):
     """Ten flights of starts that the ranges are not from; each is flown by what the page says."""
     name = "go-to-pose-2d"
     names = documented(folder(name), lambda: True)
@@ -120,7 +114,7 @@ def test_the_documented_loop_does_not_warn_on_flights_that_arrive(
     agent = names["Agent"]()
     warnings = []
 
-    def act(state: dict[str, Any], goal: dict[str, Any]) -> Any:
+    def act(state, goal):
         command = agent.act(names["observe"](state, goal))
         warnings.extend([agent.note] if agent.note else [])
         return command
@@ -132,9 +126,7 @@ def test_the_documented_loop_does_not_warn_on_flights_that_arrive(
     assert warnings == []
 
 
-def test_the_documented_loop_shuts_the_valves_on_an_old_state(
-    folder: Callable[[str], Path],
-) -> None:
+def test_the_documented_loop_shuts_the_valves_on_an_old_state(folder):
     here = {
         "position": [1.0, 0.5],
         "attitude": 0.3,
@@ -142,8 +134,8 @@ def test_the_documented_loop_shuts_the_valves_on_an_old_state(
         "spin": 0.0,
     }
     ages = [0.0, 0.1, 1.0]
-    commands: list[Any] = []
-    said: list[str] = []
+    commands = []
+    said = []
     documented(
         folder("go-to-pose-2d"),
         lambda: not ages,
@@ -208,7 +200,7 @@ GOOD = planar(
         "north, east, down",
     ],
 )
-def test_a_wrong_wiring_is_found(error: str, folder: Callable[[str], Path]) -> None:
+def test_a_wrong_wiring_is_found(error, folder):
     check = exported(folder("go-to-pose-2d"))["check_wiring"]
     assert check(planar) == (64, 64)
     assert check(lambda state, goal: planar(state, goal, error)) == (0, 64)
@@ -223,8 +215,8 @@ def matrix(quaternion: list[float]) -> np.ndarray:
 
 
 @pytest.mark.parametrize("error", ["", "transposed", "quaternion x, y, z, w", "spin in W"])
-def test_a_wrong_wiring_in_space_is_found(error: str, folder: Callable[[str], Path]) -> None:
-    def observe(state: dict[str, Any], goal: dict[str, Any]) -> np.ndarray:
+def test_a_wrong_wiring_in_space_is_found(error, folder):
+    def observe(state, goal):
         own = state["attitude"]
         own = own if error != "quaternion x, y, z, w" else [own[3], *own[:3]]
         own = matrix(own)
@@ -239,7 +231,7 @@ def test_a_wrong_wiring_in_space_is_found(error: str, folder: Callable[[str], Pa
 
 
 @pytest.mark.slow
-def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Path]) -> None:
+def test_a_contract_says_what_an_engineer_asks_first(folder):
     perfect = contract_of(folder("go-to-pose-2d"))
     robust = contract_of(folder("go-to-pose-2d-robust"))
     assert perfect["conditions"]["of_training"] == {}
@@ -258,7 +250,7 @@ def test_a_contract_says_what_an_engineer_asks_first(folder: Callable[[str], Pat
 
 
 @pytest.mark.slow
-def test_valid_ranges_leave_out_flights_that_failed() -> None:
+def test_valid_ranges_leave_out_flights_that_failed():
     """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
     folder = pretrained_folder("go-to-pose-3d")
     run = load_policy(folder)
@@ -273,7 +265,7 @@ def test_valid_ranges_leave_out_flights_that_failed() -> None:
     assert 0 < kept.shape[1] == (spin <= 2.0).sum() < 32
 
 
-def test_readings_may_be_as_old_as_in_any_condition_of_the_training() -> None:
+def test_readings_may_be_as_old_as_in_any_condition_of_the_training():
     """The training of `go-to-pose-2d-robust` has outages of up to 1 s in two of its further conditions."""
     run = RunFolder(pretrained_folder("go-to-pose-2d-robust"))
     config = run.config()
@@ -288,7 +280,7 @@ def test_readings_may_be_as_old_as_in_any_condition_of_the_training() -> None:
 
 
 @pytest.mark.slow
-def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[str], Path]) -> None:
+def test_a_multi_task_contract_has_the_columns_of_every_task(folder):
     """Flags and order of docs/tasks.md's table."""
     tasks = {one["task"]: one for one in contract_of(folder("multi-task-2d"))["tasks"]}
     assert {name: one["flag"] for name, one in tasks.items()} == {
@@ -306,7 +298,7 @@ def test_a_multi_task_contract_has_the_columns_of_every_task(folder: Callable[[s
 
 
 @pytest.mark.slow
-def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None:
+def test_which_end_of_a_trade_off_is_fast(folder):
     assert contract_of(folder("go-to-pose-2d-trade-off"))["trade_off"] == {
         "column": 10,
         "0": "fast",
@@ -315,7 +307,7 @@ def test_which_end_of_a_trade_off_is_fast(folder: Callable[[str], Path]) -> None
     }
 
 
-def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str], Path]) -> None:
+def test_wild_readings_are_held_and_then_shut_the_valves(folder):
     agent = exported(folder("go-to-pose-2d"))["Agent"]()
     wild = GOOD.copy()
     wild[6] = 1e9
@@ -335,9 +327,7 @@ def test_wild_readings_are_held_and_then_shut_the_valves(folder: Callable[[str],
 
 
 @pytest.mark.parametrize("name", ["go-to-pose-2d", "go-to-pose-2d-faults"])
-def test_an_answer_that_is_not_finite_shuts_the_valves(
-    folder: Callable[[str], Path], name: str
-) -> None:
+def test_an_answer_that_is_not_finite_shuts_the_valves(folder, name):
     names = exported(folder(name))
     agent = names["Agent"]()
     answer = names["answer"]
@@ -350,7 +340,7 @@ def test_an_answer_that_is_not_finite_shuts_the_valves(
     assert agent.note == ""
 
 
-def test_one_flight_that_spins_does_not_set_a_valid_range() -> None:
+def test_one_flight_that_spins_does_not_set_a_valid_range():
     """The valid range is that of 511 flights below 1 rad/s, though one of 512 reaches 8 rad/s."""
     run = RunFolder(pretrained_folder("go-to-pose-2d"))
     seen = np.zeros((3, 512, 10), np.float32)

@@ -6,16 +6,15 @@ import sys
 from dataclasses import replace
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 import stable_baselines3
 
 import rans.pretrained
+from rans import ConfigError
 from rans.cli import main
 from rans.deploy.export import check_alone, write_export
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.any_craft import write_for_spacecraft
 from rans.evaluation.fly.contestant_name import ContestantName
@@ -29,12 +28,12 @@ from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")
-def run(trained: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(trained, tmp_path_factory) -> Path:
     return Path(shutil.copytree(trained, tmp_path_factory.mktemp("runs") / "first"))
 
 
 @pytest.fixture(scope="module")
-def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def shipped(run, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("pretrained") / "small-pose-2d"
     words = f"export {run} --format sb3 --output {folder} --episodes 16"
     assert main(words.split()) == 2  # a hardly trained agent
@@ -43,7 +42,7 @@ def shipped(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
+def test_it_is_the_same_agent_in_less(run, shipped):
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
     before = load_policy(run)
     after = load_policy(shipped)
@@ -63,7 +62,7 @@ def test_it_is_the_same_agent_in_less(run: Path, shipped: Path) -> None:
     }
 
 
-def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
+def test_the_card_says_what_evaluate_finds(run, shipped):
     card = json.loads((shipped / "card.json").read_text("utf-8"))
     assert card["episodes"] == 16
     assert (card["name"], card["task"], card["spacecraft"]) == (
@@ -88,7 +87,7 @@ def test_the_card_says_what_evaluate_finds(run: Path, shipped: Path) -> None:
     assert card["evaluation"]["paper"][""]["settling time"][0] == "inf"  # half of them never settle
 
 
-def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path: Path) -> None:
+def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path):
     """The file in a robot says which agent it is, and not where it was written."""
     craft = tmp_path / "mine.toml"
     craft.write_text(to_toml(replace(load_spacecraft("floating-platform"), name="mine")), "utf-8")
@@ -101,12 +100,7 @@ def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_it_comes_with_rans_by_name(
-    shipped: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    here: Path,
-) -> None:
+def test_it_comes_with_rans_by_name(shipped, monkeypatch, capsys, here):
     write_export(shipped, here / "pretrained" / "small-pose-2d", "rans")
     monkeypatch.setattr(rans.pretrained, "FOLDER", here / "pretrained")
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
@@ -120,19 +114,17 @@ def test_it_comes_with_rans_by_name(
     assert "settling time" in text
 
 
-def test_an_exported_agent_keeps_its_card(shipped: Path, tmp_path: Path) -> None:
+def test_an_exported_agent_keeps_its_card(shipped, tmp_path):
     before = json.loads((shipped / "card.json").read_text("utf-8"))
     assert write_export(shipped, tmp_path / "again", "numpy", episodes=1) == before
 
 
-def test_an_export_is_not_exported_again(refused: Any, tmp_path: Path) -> None:
+def test_an_export_is_not_exported_again(refused, tmp_path):
     (tmp_path / "contract.json").write_text("{}")
     assert f"{tmp_path} is an export already: export the run" in refused(f"export {tmp_path}")
 
 
-def test_without_its_critic_it_is_the_same_agent_in_half(
-    run: Path, shipped: Path, tmp_path: Path
-) -> None:
+def test_without_its_critic_it_is_the_same_agent_in_half(run, shipped, tmp_path):
     folder = tmp_path / "small"
     assert main(f"export {shipped} --format rans --force --output {folder}".split()) == 0
     observations = np.random.default_rng(1).normal(size=(200, 10)).astype(np.float32)
@@ -152,9 +144,7 @@ def test_without_its_critic_it_is_the_same_agent_in_half(
     assert sizes[0] < 0.5 * sizes[1]
 
 
-def test_an_agent_leaves_for_a_craft_of_a_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_agent_leaves_for_a_craft_of_a_file(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     mine = replace(load_spacecraft("floating-platform"), name="mine")
     Path("mine.toml").write_text(to_toml(mine), "utf-8")
@@ -166,7 +156,7 @@ def test_an_agent_leaves_for_a_craft_of_a_file(
     assert "there is no spacecraft file other.toml" in " ".join(capsys.readouterr().err.split())
 
 
-def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_path: Path) -> None:
+def test_what_cannot_be_exported_is_one_sentence(run, shipped, tmp_path):
     with pytest.raises(ConfigError, match="is the run itself"):
         write_export(run, run)
     odd = Path(shutil.copytree(shipped, tmp_path / "odd"))
@@ -181,10 +171,8 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, shipped: Path, tmp_p
 
 
 @pytest.mark.parametrize(("form", "module"), [("onnx", "onnx"), ("sb3", "stable_baselines3")])
-def test_a_missing_package_is_told_before_any_flight(
-    form: str, module: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
-) -> None:
-    def flown(*_: object, **__: object) -> None:
+def test_a_missing_package_is_told_before_any_flight(form, module, tmp_path, monkeypatch, refused):
+    def flown(*_, **__):
         raise AssertionError
 
     monkeypatch.setattr("rans.deploy.export.write_export", flown)
@@ -195,10 +183,8 @@ def test_a_missing_package_is_told_before_any_flight(
 
 
 @pytest.mark.slow
-def test_a_copy_of_the_sources_that_is_not_installed(
-    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def unknown(package: str) -> str:
+def test_a_copy_of_the_sources_that_is_not_installed(run, tmp_path, monkeypatch):
+    def unknown(package):
         raise PackageNotFoundError(package)
 
     monkeypatch.setattr("rans.files.version", unknown)
@@ -207,7 +193,7 @@ def test_a_copy_of_the_sources_that_is_not_installed(
     assert rans.__version__ == "not installed"
 
 
-def test_files_in_forms_of_packages_are_another_agents_too(tmp_path: Path) -> None:
+def test_files_in_forms_of_packages_are_another_agents_too(tmp_path):
     """A form that a package adds writes agent.FORM, or files that end so; its own are written over."""
     (tmp_path / "golden.json").write_text("of another")
     for name in ("agent.fmu", "agent.1.px4", "agent.2.px4"):
@@ -222,7 +208,7 @@ def test_files_in_forms_of_packages_are_another_agents_too(tmp_path: Path) -> No
 
 
 @pytest.mark.slow
-def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Path) -> None:
+def test_another_agents_files_are_not_mixed_with_its_own(run, tmp_path):
     """The same agent's forms share a folder, and one form is written over; neither is a run written over."""
     folder = tmp_path / "agents"
     other = tmp_path / "other"
@@ -242,7 +228,7 @@ def test_another_agents_files_are_not_mixed_with_its_own(run: Path, tmp_path: Pa
     assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]
 
 
-def test_a_policy_of_another_trainer_is_refused_with_what_to_do(tmp_path: Path) -> None:
+def test_a_policy_of_another_trainer_is_refused_with_what_to_do(tmp_path):
     from rans.cli.export import Export
 
     with pytest.raises(ConfigError, match="onnx:FILE:TASK"):
@@ -251,12 +237,10 @@ def test_a_policy_of_another_trainer_is_refused_with_what_to_do(tmp_path: Path) 
 
 
 @pytest.mark.usefixtures("here")
-def test_the_folder_of_an_agent_for_any_craft_names_its_craft(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_folder_of_an_agent_for_any_craft_names_its_craft(monkeypatch, capsys):
     written = []
 
-    def write(run: Path, output: Path, *_: object, **__: object) -> dict[str, int]:
+    def write(run, output, *_, **__):
         written.append((RunFolder(run).spacecraft().name, output))
         output.mkdir(parents=True)
         return {"episodes": 4}

@@ -1,16 +1,12 @@
 """The agent.py of an export, in wrong hands."""
 
-from __future__ import annotations
-
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 from tests.support.exports import exported, remembering, written
 
 
-def test_the_exported_file_refuses_observations_of_another_shape(tmp_path: Path) -> None:
+def test_the_exported_file_refuses_observations_of_another_shape(tmp_path):
     network, _, seen = remembering()
     written(tmp_path, network, "numpy")
     agent = exported(tmp_path)["Agent"]()

@@ -19,7 +19,7 @@ def robust() -> LoadedRun:
 
 
 @pytest.fixture(scope="module")
-def setup(robust: LoadedRun) -> Setup:
+def setup(robust) -> Setup:
     """In the laboratory, for 20 steps."""
     timing = replace(robust.judged.timing, episode_steps=20)
     return robust.judged._replace(timing=timing, conditions=load_conditions("lab"))

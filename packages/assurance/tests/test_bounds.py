@@ -13,14 +13,14 @@ from scipy.stats import binomtest
 @pytest.mark.parametrize(
     ("events", "flights"), [(0, 10), (3, 1000), (10, 10), (17, 10**6), (0, 10**9)]
 )
-def test_bounds_are_those_of_scipys_exact_interval(events: int, flights: int) -> None:
+def test_bounds_are_those_of_scipys_exact_interval(events, flights):
     # A two-sided interval at 98 % leaves 1 % outside of either end.
     low, high = binomtest(events, flights).proportion_ci(0.98, "exact")
     assert upper(events, flights, 0.01) == pytest.approx(high, rel=1e-6)  # its root finding
     assert lower(events, flights, 0.01) == pytest.approx(low, rel=1e-6)
 
 
-def test_a_rare_event_needs_as_many_flights_as_the_logarithm_says() -> None:
+def test_a_rare_event_needs_as_many_flights_as_the_logarithm_says():
     # (1 - p)^n = 0.01, n = ln(0.01) / ln(1 - 1e-7): 46,051,699.6 by hand.
     assert flights_needed(1e-7, 0.01) == math.ceil(math.log(0.01) / math.log1p(-1e-7)) == 46_051_700
 
@@ -41,7 +41,7 @@ def _ends(made: CampaignPlan, probability: float, campaigns: int) -> tuple[float
     return ends["below"] / campaigns, ends["above"] / campaigns
 
 
-def test_looking_often_does_not_make_wrong_statements_more_frequent_than_promised() -> None:
+def test_looking_often_does_not_make_wrong_statements_more_frequent_than_promised():
     # Right at the bound both statements are wrong; each may be made in 5 % of all campaigns. 250 of them
     # scatter by 1.4 %: 3 of these are allowed.
     below, above = _ends(plan(0.95, None, 1e-3), 1e-3, 250)
@@ -50,7 +50,7 @@ def test_looking_often_does_not_make_wrong_statements_more_frequent_than_promise
     assert below > 0.01  # the chance is spent, not hoarded
 
 
-def test_campaigns_end_early_on_either_side() -> None:
+def test_campaigns_end_early_on_either_side():
     made = plan(0.99, None, 1e-3)
     assert _ends(made, 1e-4, 100)[0] >= 0.99
     assert _ends(made, 1e-2, 100)[1] == 1.0
@@ -60,7 +60,7 @@ def test_campaigns_end_early_on_either_side() -> None:
     assert first.flights < 1.18 * flights_needed(1e-3, 0.01)
 
 
-def test_levels_of_all_looks_add_up_to_the_chance_of_error() -> None:
+def test_levels_of_all_looks_add_up_to_the_chance_of_error():
     for made in (
         plan(0.99, None, 1e-4),
         plan(0.99, 150_000, 1e-4),
@@ -74,13 +74,13 @@ def test_levels_of_all_looks_add_up_to_the_chance_of_error() -> None:
         )
 
 
-def test_a_plan_ends_where_numbers_of_flights_do() -> None:
+def test_a_plan_ends_where_numbers_of_flights_do():
     # ln(1 / 0.0045) / 1e-8 = 540 million; four times as many have numbers of 31 bits, eight times have not.
     late = plan(0.99, None, 1e-8).looks[-3:]
     assert [round(look.flights / 1e6) for look in late] == [540, 1081, 2147]
 
 
-def test_what_a_look_allows_is_the_most_that_it_finds_rare_enough() -> None:
+def test_what_a_look_allows_is_the_most_that_it_finds_rare_enough():
     made = plan(0.99, None, 1e-3)
     for look in made.looks[-4:]:
         most = made.allowed(look)

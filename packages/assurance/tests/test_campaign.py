@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -41,7 +41,7 @@ class Fleet:
 
 
 @pytest.fixture
-def fleet(monkeypatch: pytest.MonkeyPatch) -> None:
+def fleet(monkeypatch) -> None:
     monkeypatch.setattr("rans_assurance.assure.campaign.Flights", Fleet)
 
 
@@ -52,7 +52,7 @@ def _flown(campaign: Campaign) -> Campaign:
 
 
 @pytest.mark.usefixtures("fleet")
-def test_every_flight_is_counted_once_and_failures_are_listed_by_number() -> None:
+def test_every_flight_is_counted_once_and_failures_are_listed_by_number():
     campaign = _flown(Campaign(plan(0.99, 50_000), 3))
     assert campaign.flights == 50_000
     assert campaign.events == dict.fromkeys(Failure, 0) | {
@@ -65,7 +65,7 @@ def test_every_flight_is_counted_once_and_failures_are_listed_by_number() -> Non
 
 
 @pytest.mark.usefixtures("fleet")
-def test_a_wanted_bound_far_from_the_truth_is_decided_early() -> None:
+def test_a_wanted_bound_far_from_the_truth_is_decided_early():
     refuted = _flown(Campaign(plan(0.99, None, 1e-3), 0))
     assert refuted.decision == "above"
     assert refuted.flights == refuted.plan.looks[0].flights
@@ -75,20 +75,19 @@ def test_a_wanted_bound_far_from_the_truth_is_decided_early() -> None:
 
 
 @pytest.mark.usefixtures("fleet")
-def test_bars_reach_their_ends_where_a_campaign_is_decided_early() -> None:
-    bars: dict[str, list[int]] = {}
+def test_bars_reach_their_ends_where_a_campaign_is_decided_early():
+    bars = {}
 
-    def stages(name: str, total: int | None, /) -> Callable[[int], None]:
-        assert total is not None
+    def stages(name, total, /):
         bars[name] = [0, total]
 
-        def advance(count: int, /) -> None:
+        def advance(count, /):
             bars[name][0] += count
 
         return advance
 
     campaign = Campaign(plan(0.99, None, 2e-2), 0)
-    setup: object = None
+    setup = None
     campaign.fly(setup, setup, "cpu", stages)  # type: ignore[arg-type]  # the fleet needs neither
     assert campaign.flights < campaign.plan.flights
     assert len(bars) > 1

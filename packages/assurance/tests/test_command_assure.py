@@ -28,13 +28,13 @@ DEFAULTS: dict[str, Any] = assure.__kwdefaults__ or {}
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _elsewhere(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     # Each failed flight that is repeated takes a second of Drake.
     monkeypatch.setitem(DEFAULTS, "worst", 0)
 
 
-def test_python_flies_the_conditions_that_it_names() -> None:
+def test_python_flies_the_conditions_that_it_names():
     """It flew everything nominal, and bounded a failure probability of 0.8 by 0.02."""
     named = rans.assure("go-to-pose-2d", conditions="lab", episodes=64)
     own = rans.assure("go-to-pose-2d", conditions=rans.load_conditions("lab"), episodes=64)
@@ -48,9 +48,7 @@ def test_python_flies_the_conditions_that_it_names() -> None:
 
 
 @pytest.mark.slow
-def test_numbers_a_page_and_commands_that_show_failures_again(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_numbers_a_page_and_commands_that_show_failures_again(monkeypatch, capsys):
     line = f"{LAB} --episodes 60"
     command = line.split()
     monkeypatch.setitem(DEFAULTS, "worst", 1)
@@ -59,7 +57,7 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     printed = capsys.readouterr().out
     folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
     read = (folder / "assurance-lab.json").read_text("utf-8")
-    found: dict[str, Any] = json.loads(read)
+    found = json.loads(read)
     failed = sum(map(len, found["campaign"]["listed"].values()))
     low, high = binomtest(failed, 60).proportion_ci(0.98, "exact")  # 1 % beyond either end
     assert failed > 0
@@ -76,21 +74,19 @@ def test_numbers_a_page_and_commands_that_show_failures_again(
     report = (folder / "report.html").read_text("utf-8")
     assert f"{failed} of 60 flights failed" in report
     assert found["replays"]["judged"][0]["see"] in html.unescape(report)
-    shown: list[Any] = []
+    shown = []
     monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
     monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     assert main(shlex.split(found["replays"]["judged"][0]["see"])[1:]) == 0
     assert solved(shown[0]).tolist() == [False]
 
 
-def test_ctrl_c_keeps_what_was_flown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_ctrl_c_keeps_what_was_flown(monkeypatch, capsys):
     monkeypatch.setitem(BATCH, "cpu", 32)
     part = Flights._part
     calls = []
 
-    def interrupted(self: Flights, first: int, count: int, seed: int) -> Any:
+    def interrupted(self, first, count, seed):
         calls.append(first)
         if len(calls) == 2:
             raise KeyboardInterrupt
@@ -104,16 +100,14 @@ def test_ctrl_c_keeps_what_was_flown(
     assert "interrupted; what was written is kept" in said.err
 
 
-def test_a_plan_says_what_a_bound_takes(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_plan_says_what_a_bound_takes(capsys):
     assert main(f"assure {AGENT} --failure-below 1e-4 --episodes 0".split()) == 0
     # ln(1 / 0.0045) / 1e-4 = 54,037 by hand, a little less as (1 - p)^n falls faster.
     assert re.search(r"54,03\d .* at most 0", capsys.readouterr().out)
     assert not Path("runs").exists()
 
 
-def test_a_bound_that_is_refuted_ends_with_1(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_bound_that_is_refuted_ends_with_1(monkeypatch, capsys):
     monkeypatch.setitem(DEFAULTS, "confidence", 0.6)
     assert main(f"{LAB} --failure-below 3e-3".split()) == 1
     assert "Refuted" in capsys.readouterr().out

@@ -1,19 +1,12 @@
 """``rans faults``."""
 
-from __future__ import annotations
-
-from pathlib import Path
-from typing import Any
-
 import pytest
 
 from rans.cli import main
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
-def test_tells_what_can_be_recovered_and_what_not(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_tells_what_can_be_recovered_and_what_not(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "150")
     assert main(["faults", "floating-platform"]) == 0
     said = capsys.readouterr().out
@@ -24,7 +17,7 @@ def test_tells_what_can_be_recovered_and_what_not(
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft 'floating-platform'. its 1 thruster cannot push")
-def test_one_thruster_is_none_to_do_without(tmp_path: Path, refused: Any) -> None:
+def test_one_thruster_is_none_to_do_without(tmp_path, refused):
     file = tmp_path / "one.toml"
     whole = to_toml(load_spacecraft("floating-platform"))
     file.write_text("[[thruster]]".join(whole.split("[[thruster]]")[:2]))

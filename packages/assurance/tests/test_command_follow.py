@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 from rans_assurance.commands.follow import Follow
 
+from rans import TrackVelocity
 from rans.show.pages.report import report_from_run
-from rans.tasks import TrackVelocity
 from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def run(tmp_path_factory) -> Path:
     """An agent that has learnt nothing yet."""
     config = replace(CONFIG, task="track-velocity", settings=TrackVelocity(), total_timesteps=128)
     trainer = tiny_trainer(tmp_path_factory.mktemp("runs") / "tracker", config)
@@ -24,9 +24,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.slow
-def test_writes_table_and_numbers_of_its_seed(
-    run: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_writes_table_and_numbers_of_its_seed(run, monkeypatch, capsys):
     results = []
     written = run / "evaluation-circle.json"
     for seed in (1, 1, 2):

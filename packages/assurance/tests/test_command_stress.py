@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import shlex
 from pathlib import Path
-from typing import Any
 
 import pytest
 import rans_assurance.stress.run as run
@@ -18,16 +17,14 @@ QUICK: str = "--only latency --conditions perfect --episodes 2"
 
 
 @pytest.fixture(autouse=True)
-def _elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def _elsewhere(tmp_path, monkeypatch) -> None:
     monkeypatch.chdir(tmp_path)
     # Other processes would take seconds to start.
     monkeypatch.setattr("os.sched_getaffinity", lambda _: {0})
 
 
 @pytest.mark.slow
-def test_pages_numbers_and_commands_that_show_it_again(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_pages_numbers_and_commands_that_show_it_again(monkeypatch, capsys):
     monkeypatch.setattr(run, "failure_levels", lambda craft: [])
     assert main(f"stress {FIRST} lqr {QUICK}".split()) == 0
     folder = Path("runs/evaluations/pretrained-go-to-pose-2d")
@@ -44,7 +41,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
     (curve,) = [_curves(read["conditions"], "latency", 0.0)["LQR"]]
     assert [mark[:2] for mark in curve][:3] == [(0.0, 100.0), (0.025, 100.0), (0.05, 100.0)]
     assert f"rans view {FIRST} --conditions" in printed
-    shown: list[Any] = []
+    shown = []
     monkeypatch.setattr("rans.api.pages.Replay.html", lambda replay: shown.extend(replay.flights))
     monkeypatch.setattr("rans.cli.view._serve", lambda page, *_: page())
     command = shlex.split(lost["worst"][0]["see"])
@@ -56,7 +53,7 @@ def test_pages_numbers_and_commands_that_show_it_again(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
-def test_a_failure_is_printed_and_the_rest_written(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_failure_is_printed_and_the_rest_written(capsys):
     both = "lqr:go-to-pose-2d python:tests.support.policies:broken"
     assert main(f"stress {both} {QUICK} --output here".split()) == 1
     assert "no such layer" in capsys.readouterr().out
@@ -67,13 +64,11 @@ def test_a_failure_is_printed_and_the_rest_written(capsys: pytest.CaptureFixture
 
 
 @pytest.mark.usefixtures("undrawn")
-def test_interrupted_it_writes_what_was_flown(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_interrupted_it_writes_what_was_flown(monkeypatch, capsys):
     true = run._Flyer.flown
     calls = []
 
-    def interrupted(*job: Any) -> Any:
+    def interrupted(*job):
         calls.append(job)
         if len(calls) > 2:
             raise KeyboardInterrupt

@@ -22,7 +22,7 @@ ASSURE = f"assure {AGENT} --episodes 200"
 
 
 @pytest.fixture(scope="module")
-def assured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def assured(tmp_path_factory) -> Path:
     """A run folder with an agent and a bound on its failures."""
     folder = tmp_path_factory.mktemp("assured")
     shutil.copytree(pretrained_folder("go-to-pose-2d"), folder / AGENT)
@@ -34,16 +34,14 @@ def assured(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
-def folder(assured: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def folder(assured, tmp_path, monkeypatch) -> Path:
     """A copy in the current folder, which a test may spoil."""
     monkeypatch.chdir(tmp_path)
     shutil.copytree(assured, AGENT)
     return Path(AGENT)
 
 
-def test_a_row_has_its_evidence_or_the_command_that_makes_it(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_row_has_its_evidence_or_the_command_that_makes_it(folder, capsys):
     assert main(["dossier", AGENT]) == 0
     printed = capsys.readouterr().out
     read = json.loads((folder / "dossier.json").read_text("utf-8"))
@@ -66,7 +64,7 @@ def test_a_row_has_its_evidence_or_the_command_that_makes_it(
     assert len(places) == len(get_args(Part))
 
 
-def test_every_command_of_a_dossier_can_be_typed(folder: Path) -> None:
+def test_every_command_of_a_dossier_can_be_typed(folder):
     for row in Dossier(str(folder)).rows:
         if row is UNPROVED:
             continue
@@ -96,9 +94,7 @@ PLANTED: dict[str, tuple[str, Callable[[Any], None]]] = {
 
 
 @pytest.mark.parametrize("planted", [*PLANTED, "agent"])
-def test_what_is_false_is_found_in_the_files(
-    planted: str, folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_false_is_found_in_the_files(planted, folder, capsys):
     """A value or a verdict changed by hand, evidence changed after the dossier, or another agent in its place."""
     assert main(["dossier", AGENT]) == 0
     assert [*Dossier(AGENT).falsehoods()] == []
@@ -118,9 +114,7 @@ def test_what_is_false_is_found_in_the_files(
 
 
 @pytest.mark.slow
-def test_evidence_that_was_changed_before_the_dossier_is_found_by_its_command(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_evidence_that_was_changed_before_the_dossier_is_found_by_its_command(folder, capsys):
     """Files that agree with each other are right only if the command gives the same; an honest one is accepted."""
     assert main(["dossier", AGENT]) == 0
     assert main(["dossier", AGENT, "--check"]) == 0, capsys.readouterr()
@@ -139,7 +133,7 @@ def test_evidence_that_was_changed_before_the_dossier_is_found_by_its_command(
     )
 
 
-def test_a_result_of_another_agent_is_no_evidence(folder: Path) -> None:
+def test_a_result_of_another_agent_is_no_evidence(folder):
     other = pretrained_folder("go-to-pose-2d-robust") / "agent.safetensors"
     shutil.copy(other, folder / "agent.safetensors")
     rows = Dossier(AGENT).rows
@@ -147,7 +141,7 @@ def test_a_result_of_another_agent_is_no_evidence(folder: Path) -> None:
     assert any("assurance.json is of another weights" in row.what for row in rows)
 
 
-def test_what_was_interrupted_is_no_evidence(folder: Path) -> None:
+def test_what_was_interrupted_is_no_evidence(folder):
     file = folder / "assurance.json"
     content = json.loads(file.read_text("utf-8"))
     file.write_text(json.dumps(content | {"is_partial": True}), "utf-8")
@@ -169,9 +163,7 @@ def test_what_was_interrupted_is_no_evidence(folder: Path) -> None:
         "rm -r mine",
     ],
 )
-def test_a_command_of_a_stranger_does_not_run(
-    command: str, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_command_of_a_stranger_does_not_run(command, folder, monkeypatch):
     monkeypatch.setattr("subprocess.run", None)
     content = json.loads((folder / "assurance.json").read_text("utf-8"))
     (folder / "assurance.json").write_text(json.dumps(content | {"command": command}), "utf-8")

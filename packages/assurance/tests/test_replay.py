@@ -22,9 +22,7 @@ def run() -> LoadedRun:
     return contestant("pretrained:go-to-pose-2d").under(load_conditions("lab"))
 
 
-def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(
-    run: LoadedRun,
-) -> None:
+def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved(run):
     flight = fly_draws(run.controller, run.judged, drawing(2026, range(100, 228)))
     found = failure_kinds(flight)
     right = solved(flight)
@@ -32,7 +30,7 @@ def test_failures_of_a_flight_are_those_that_its_evaluation_does_not_find_solved
     assert 0 < (~right).sum() < 128  # four in five fail
 
 
-def test_an_idle_policy_fails_for_every_judge(run: LoadedRun) -> None:
+def test_an_idle_policy_fails_for_every_judge(run):
     class Idle:
         name = "idle"
 

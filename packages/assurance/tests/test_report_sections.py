@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rans_assurance.sections.assurance import assurance_section
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.files import write_json
 from rans.show.pages.report import report_from_run
 from tests.support.written_files import contents
@@ -18,14 +18,14 @@ del ASSURANCE["scope"]  # as of version 0.2.0
 
 
 @pytest.fixture
-def run(tmp_path: Path) -> Path:
+def run(tmp_path) -> Path:
     """A run folder with a file of every command."""
     for name, content in contents().items():
         write_json(tmp_path / name, content)
     return tmp_path
 
 
-def test_both_are_sections_of_the_report(run: Path) -> None:
+def test_both_are_sections_of_the_report(run):
     page = report_from_run(run)
     sections = {section.title: section for section in page.sections}
     for title in ("Stress", "Assurance lab"):
@@ -44,13 +44,13 @@ def test_both_are_sections_of_the_report(run: Path) -> None:
 
 @pytest.mark.parametrize("name", ["stress.json", "assurance-lab.json"])
 @pytest.mark.parametrize("content", ["[3]", "3", '"text"', '{"rows": 3, "about": 3}'])
-def test_other_content_is_an_error_that_names_the_file(run: Path, name: str, content: str) -> None:
+def test_other_content_is_an_error_that_names_the_file(run, name, content):
     (run / name).write_text(content)
     with pytest.raises(ConfigError, match=name):
         report_from_run(run)
 
 
-def test_the_first_screen_says_how_sure(run: Path) -> None:
+def test_the_first_screen_says_how_sure(run):
     """The bound of `ASSURANCE` is a tile."""
     tiles = report_from_run(run).tiles
     assert len(tiles) <= 6
@@ -59,8 +59,8 @@ def test_the_first_screen_says_how_sure(run: Path) -> None:
     ]
 
 
-def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) -> None:
-    def row(mine: float, other: float) -> dict[str, Any]:
+def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path):
+    def row(mine, other):
         held = {
             name: {"held": {"value": x, "low": x - 0.1, "high": x + 0.1}}
             for name, x in (("mine", mine), ("LQR", other))
@@ -102,7 +102,7 @@ def test_a_stress_test_alone_begins_with_the_worst_conditions(tmp_path: Path) ->
         assert "LQR" in note
 
 
-def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path: Path) -> None:
+def test_an_assurance_passes_if_what_was_wanted_is_shown(tmp_path):
     """One that was interrupted decides nothing."""
     file = tmp_path / "assurance.json"
     about = ASSURANCE["about"]

@@ -1,23 +1,16 @@
 """What a verdict is about: every range of conditions, and requirement, length and starts by hand."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rans_assurance.scope import conditions_texts, scope
 
 import rans
+from rans import BodyConditions, Conditions, GoToPose, Timing
 from rans.episode import Setup
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
-    BodyConditions,
-    Conditions,
-)
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 
 
-def test_each_part_of_a_mixture_has_its_share() -> None:
+def test_each_part_of_a_mixture_has_its_share():
     light = Conditions(BodyConditions(mass=0.5, inertia=1.5), weight=3.0)
     mixture = replace(Conditions(BodyConditions(mass=2.0, inertia=1.5)), others=(light,))
     assert [*conditions_texts(mixture)] == [
@@ -27,7 +20,7 @@ def test_each_part_of_a_mixture_has_its_share() -> None:
     assert [*conditions_texts(Conditions())] == ["nominal conditions"]
 
 
-def test_requirement_length_and_starts_by_hand() -> None:
+def test_requirement_length_and_starts_by_hand():
     """188 periods of 0.2 s are 37.6 s; the last fifth are 37 instants, of which the first is number 152, 30.4 s."""
     craft = rans.load_spacecraft("floating-platform")
     task = GoToPose(position_tolerance=0.07).for_evaluation()

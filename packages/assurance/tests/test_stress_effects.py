@@ -6,17 +6,15 @@ import math
 
 import numpy as np
 import pytest
-from rans_assurance.stress.effects import Effect, Level, applicable_effects, failure_levels
+from rans_assurance.stress.effects import Level, applicable_effects, failure_levels
 
+from rans import Conditions, GoToPose, Timing
 from rans.evaluation.fly.user_policy import UserPolicy
 from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import draws, scenarios
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose()
@@ -30,7 +28,7 @@ FULL = UserPolicy(
 FOUND = {effect.name: effect for effect in applicable_effects(PLATFORM, Timing())}
 
 
-def test_sizes_are_what_they_are_called() -> None:
+def test_sizes_are_what_they_are_called():
     """One of each unit, by hand."""
     assert made("latency", 0.1).thrusters.latency == 0.1
     assert made("thrust of each off by", 25.0).thrusters.thrust == (0.75, 1.25)
@@ -52,7 +50,7 @@ def made(name: str, size: float) -> Conditions:
 
 
 @pytest.mark.parametrize("effect", FOUND.values(), ids=FOUND)
-def test_nothing_at_the_nominal_size_and_always_more(effect: Effect) -> None:
+def test_nothing_at_the_nominal_size_and_always_more(effect):
     """Flown, as some do draw then: least on-times of a period, which every valve keeps, and full shares."""
     world = effect.make(effect.nominal)
     states = [
@@ -74,7 +72,7 @@ def test_nothing_at_the_nominal_size_and_always_more(effect: Effect) -> None:
     assert all(level.conditions.or_none for level in effect.levels())
 
 
-def test_names_of_conditions_are_files_apart() -> None:
+def test_names_of_conditions_are_files_apart():
     """Also of users' files in folders."""
     names = [level.name for effect in FOUND.values() for level in effect.levels()]
     given = "lab", "lab.toml", "a/lab.toml", "a-lab.toml"
@@ -84,7 +82,7 @@ def test_names_of_conditions_are_files_apart() -> None:
     assert all(name.replace("-", "").replace(".", "").isalnum() for name in names)
 
 
-def test_effects_are_those_that_a_craft_can_have() -> None:
+def test_effects_are_those_that_a_craft_can_have():
     """Wheels alone have no valves."""
     craft = load_spacecraft("innocube")
     found = {effect.name: effect for effect in applicable_effects(craft, Timing())}
@@ -95,7 +93,7 @@ def test_effects_are_those_that_a_craft_can_have() -> None:
     assert failure_levels(craft) == []
 
 
-def test_pushes_are_shares_of_the_strongest_thruster() -> None:
+def test_pushes_are_shares_of_the_strongest_thruster():
     """atmos: 1.5 N at 0.12 m across and 0.12 m along, so 0.18 N m; valves that pulse have no least time."""
     found = {
         effect.name: effect for effect in applicable_effects(load_spacecraft("atmos"), Timing())

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from rans_assurance.stress.outcome import StressOutcome, holds_to
 
+from rans import Timing
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.missions import Pass
@@ -23,7 +23,7 @@ def shares(*values: float) -> list[Estimate]:
     return [Estimate(x, x - 0.02, x + 0.02) for x in values]
 
 
-def test_outcomes_are_the_largest_errors_of_the_last_fifth() -> None:
+def test_outcomes_are_the_largest_errors_of_the_last_fifth():
     """Tolerances are 5 cm and 5 degrees; the last fifth are two of ten steps."""
     found = StressOutcome.of(two_episodes())
     np.testing.assert_allclose(found.errors["position"], [0.004, 0.06], rtol=1e-12)
@@ -33,7 +33,7 @@ def test_outcomes_are_the_largest_errors_of_the_last_fifth() -> None:
     assert found.worst(3) == [1]
 
 
-def test_a_mission_won_past_a_broken_limit_is_not_solved() -> None:
+def test_a_mission_won_past_a_broken_limit_is_not_solved():
     """Every start passes the wall at -0.5 m on its way, and then succeeds."""
     task = Pass(wall=-0.5, violation_ends=False)
     craft = load_spacecraft("floating-platform")
@@ -45,7 +45,7 @@ def test_a_mission_won_past_a_broken_limit_is_not_solved() -> None:
     assert StressOutcome.of(flight).solved.tolist() == [False] * 3
 
 
-def test_who_is_lost_is_farthest() -> None:
+def test_who_is_lost_is_farthest():
     found = StressOutcome.of(flight_of([[1.0, 1.0, 0.0]] * 5 + [[0.2, np.nan, 0.0]], 0.0))
     assert found.excess.tolist() == [pytest.approx(4.0), np.inf, 0.0]
     assert found.worst(5) == [1, 0]
@@ -68,9 +68,7 @@ def test_who_is_lost_is_farthest() -> None:
         ((None, 1.0, 1.0), (None, False)),
     ],
 )
-def test_to_which_size_somebody_holds(
-    values: tuple[float | None, ...], limit: tuple[float | None, bool]
-) -> None:
+def test_to_which_size_somebody_holds(values, limit):
     """A size counts only if all smaller ones are flown and solved too."""
     rates = [None if value is None else shares(value)[0] for value in values]
     assert holds_to([0.0, 1.0, 2.0], rates) == limit

@@ -13,8 +13,8 @@ from rans_bounds.goal_set import GoalSet
 from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
+from rans import Spacecraft, Thruster
 from rans.model.fields import Quat, Vec3
-from rans.model.spacecraft import Spacecraft, Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.bounded_flights import PERIOD, flight, random_craft
 from tests.support.states import planar, spatial
@@ -38,7 +38,7 @@ def _check_least_time(craft: Spacecraft, start: Any, goal: Any, optimum: float) 
     assert not attitude_tube._excluded(craft, start, goal, optimum * (1.0 + 1e-9), EXACT)
 
 
-def test_least_time_of_a_craft_that_cannot_turn_is_that_of_its_axis() -> None:
+def test_least_time_of_a_craft_that_cannot_turn_is_that_of_its_axis():
     # 2 sqrt(m d / F) along x; the hull bound turns the diagonal force of 1.41 N there.
     goal = planar(1.0)
     optimum = 2.0 * math.sqrt(12.0)
@@ -49,14 +49,14 @@ def test_least_time_of_a_craft_that_cannot_turn_is_that_of_its_axis() -> None:
 
 
 @pytest.mark.slow
-def test_least_time_of_a_turn_includes_wheels() -> None:
+def test_least_time_of_a_turn_includes_wheels():
     # Four thrusters of 1.75 N at 0.2388427 m and a wheel of 0.1 N m turn 0.5 kg m^2 by one radian.
     torque = 4.0 * 1.75 * 0.2388427 + 0.1
     optimum = 2.0 * math.sqrt(0.5 / torque)
     _check_least_time(PINGU, planar(), planar(heading=1.0), optimum)
 
 
-def test_the_hull_bound_of_a_turn_includes_wheels() -> None:
+def test_the_hull_bound_of_a_turn_includes_wheels():
     # A turn about one axis is a double integrator, for which the bound is the optimum; the wheel has no price.
     torque = 4.0 * 1.75 * 0.2388427 + 0.1
     turn = planar(), planar(heading=1.0)
@@ -66,12 +66,12 @@ def test_the_hull_bound_of_a_turn_includes_wheels() -> None:
     assert hull.least_fuel(PINGU, aims, *turn, 20.0, EXACT) == 0.0
     # In space nothing is claimed of a turn with wheels.
     start = spatial()
-    half: Any = replace(start, attitude=Quat(0, 0, 0, 1))
+    half = replace(start, attitude=Quat(0, 0, 0, 1))
     assert hull.least_time(load_spacecraft("cubesat-3u"), aims, start, half, EXACT) == 0.0
 
 
 @pytest.mark.slow
-def test_wheels_turn_without_impulse() -> None:
+def test_wheels_turn_without_impulse():
     turn = planar(heading=1.0)
     assert attitude_tube.least_impulse(PINGU, planar(), turn, 20.0, EXACT) == 0.0
     # Without them two couples: torque t (T - t) = I angle, at 2 t F per couple of arm 0.2388427 m.
@@ -85,7 +85,7 @@ def test_wheels_turn_without_impulse() -> None:
 
 @pytest.mark.filterwarnings("ignore:.* cannot push and turn")
 @pytest.mark.parametrize("price", [0.0, 1.0])
-def test_slopes_are_those_of_the_bound_with_wheels(price: float) -> None:
+def test_slopes_are_those_of_the_bound_with_wheels(price):
     """A wrong slope cuts the best multipliers off: the bound still holds, but is a looser one than there is.
 
     Central differences along random directions; some meet a kink, where another set of thrusters is the best.
@@ -110,7 +110,7 @@ def test_slopes_are_those_of_the_bound_with_wheels(price: float) -> None:
         assert np.mean(agree) > 0.8
 
 
-def test_linear_program_of_an_oblique_transfer_agrees() -> None:
+def test_linear_program_of_an_oblique_transfer_agrees():
     # An independent program: forces held for 0.04 s, exact sums of a double integrator in W.
     steps = 200
     horizon = 8.0
@@ -129,7 +129,7 @@ def test_linear_program_of_an_oblique_transfer_agrees() -> None:
     assert answer.fun * (1.0 - CLOSE) < bound < answer.fun * (1.0 + 1e-9)
 
 
-def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube() -> None:
+def test_spinning_wheels_do_not_turn_a_craft_out_of_its_tube():
     """Unequal moments and fast wheels: |J w| of the body grows faster than by the torque, and the angle does not.
 
     The equations are the same backwards in time, so that this is also the way to the goal.
@@ -190,8 +190,8 @@ def _turning(main: bool) -> Spacecraft:
 
 
 @pytest.mark.filterwarnings("ignore:.* cannot push and turn")
-def test_a_turn_in_space_is_speeding_up_and_slowing_down() -> None:
-    goal: Any = replace(_AT_REST, attitude=Quat(math.cos(1.0), 0, 0, math.sin(1.0)))
+def test_a_turn_in_space_is_speeding_up_and_slowing_down():
+    goal = replace(_AT_REST, attitude=Quat(math.cos(1.0), 0, 0, math.sin(1.0)))
     # Two radians with 0.05 rad/s^2.
     optimum = 2.0 * math.sqrt(2.0 / 0.05)
     _check_least_time(_turning(False), _AT_REST, goal, optimum)
@@ -202,11 +202,11 @@ def test_a_turn_in_space_is_speeding_up_and_slowing_down() -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.* cannot push and turn")
-def test_a_turn_on_the_way_has_its_price() -> None:
+def test_a_turn_on_the_way_has_its_price():
     """A craft with one engine ahead that ends in its first attitude has to turn half round, brake and turn back."""
     # Couples for 5 s to 0.25 rad/s: half a turn and both of their burns last pi / 0.25 + 5 s.
     turn = math.pi / 0.25 + 5.0
-    goal: Any = replace(_AT_REST, p=Vec3(0.4 * (4.0 + turn), 0.0, 0.0))
+    goal = replace(_AT_REST, p=Vec3(0.4 * (4.0 + turn), 0.0, 0.0))
     time = 8.0 + 2.0 * turn
     spent = 8.0 + 20.0 * 0.1
     bound = attitude_tube.least_impulse(_turning(True), _AT_REST, goal, time, EXACT)
@@ -221,7 +221,7 @@ def _diagonal(moments: np.ndarray) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_no_random_flight_is_below_its_bound(dimension: int) -> None:
+def test_no_random_flight_is_below_its_bound(dimension):
     random = np.random.default_rng(5 + dimension)
     flown = 0
     while flown < 4:

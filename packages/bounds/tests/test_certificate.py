@@ -1,7 +1,5 @@
 """Certificates: gaps, periods, and starts that are there already or out of reach."""
 
-from __future__ import annotations
-
 import math
 
 import pytest
@@ -15,7 +13,7 @@ from rans_bounds.plane.bounder import PlanarBounder
 from rans_bounds.plane.lattice import Lattice
 from rans_bounds.problem import Problem
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.states import planar
 from tests.support.tiny_lattice import (
@@ -23,13 +21,13 @@ from tests.support.tiny_lattice import (
 )
 
 
-def test_already_there_costs_nothing() -> None:
+def test_already_there_costs_nothing():
     rest = planar(heading=1.0)
     answer = certified_least_fuel(PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, rest), 5)
     assert (answer.lower, answer.upper) == (0.0, 0.0)
 
 
-def test_out_of_reach_is_a_sentence() -> None:
+def test_out_of_reach_is_a_sentence():
     rest = planar()
     far = planar(30.0)
     with pytest.raises(ConfigError, match="too short a time"):
@@ -50,7 +48,7 @@ def test_out_of_reach_is_a_sentence() -> None:
         (2.0, math.inf, math.inf),
     ],
 )
-def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
+def test_a_gap_is_relative(lower, upper, gap):
     assert Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
 
 
@@ -58,9 +56,7 @@ def test_a_gap_is_relative(lower: float, upper: float, gap: float) -> None:
     ("name", "told"),
     [("cubesat-3u", "cubesat-3u has others"), ("free-flyer", "pip install")],
 )
-def test_a_package_is_recommended_only_for_craft_that_it_covers(
-    name: str, told: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_package_is_recommended_only_for_craft_that_it_covers(name, told, monkeypatch):
     monkeypatch.setattr("rans_bounds.certificate.BOUNDERS", {})
     with pytest.raises(ConfigError, match=told):
         bounder(load_spacecraft(name), 0.2)

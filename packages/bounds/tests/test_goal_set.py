@@ -1,7 +1,5 @@
 """Goal sets and pulses of certificates."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 
@@ -28,13 +26,13 @@ PLATFORM = load_spacecraft("floating-platform")
         (math.inf, 0.2, math.inf),
     ],
 )
-def test_rounded_up(value: float, unit: float, expected: float) -> None:
+def test_rounded_up(value, unit, expected):
     """0.6 / 0.2 is 2.9999999999999996 and 0.6000000000000001 / 0.2 is 3.0000000000000004."""
     assert rounded_up(value, unit) == pytest.approx(expected)
     assert rounded_up(3 * 0.2, 0.2) == pytest.approx(0.6)
 
 
-def test_pulses_of_a_craft() -> None:
+def test_pulses_of_a_craft():
     assert pulse(PLATFORM, 0.25) == pytest.approx(0.25)
     assert pulse(dataclasses.replace(PLATFORM, thrust_sharing="split"), 0.25) == pytest.approx(0.25)
     assert pulse(lopsided(), 0.25) is None

@@ -12,14 +12,12 @@ import pytest
 from rans_bounds import hull
 from rans_bounds.goal_set import GoalSet
 
-from rans.errors import ConfigError
+from rans import ConfigError, GoToPose, TrackVelocity
 from rans.model.body import Body
 from rans.model.dynamics import thrust, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenario
-from rans.tasks import GoToPose, TrackVelocity
 from rans.tasks.goal_set import aims
 from tests.support.crafts import nasty_planar, nasty_spatial
 from tests.support.problems import spatial
@@ -37,7 +35,7 @@ EXACT = GoalSet(0.0, 0.0, 0.0, 0.0)
 @pytest.mark.parametrize(
     "craft", [PLATFORM, nasty_planar(), SHARED, nasty_spatial()], ids=lambda c: c.name
 )
-def test_reach_with_faults_is_that_of_every_command(craft: Spacecraft) -> None:
+def test_reach_with_faults_is_that_of_every_command(craft):
     """One dead, one stuck at 0.6, one weak: the hardest push and turn of full commands and of random ones."""
     count = len(craft.thrusters)
     gain = (0.0, 0.0, 0.4, *(1.0,) * (count - 3))
@@ -71,7 +69,7 @@ def least_settling(start: Any, period: float, health: hull.Health | None = None)
     return hull.least_time(PLATFORM, aimed, start, planar(), settled, health)
 
 
-def test_least_settling_by_hand() -> None:
+def test_least_settling_by_hand():
     """2 sqrt(2) N: from 3 m to 5 cm short of the goal, there at most at 2 sqrt(a 5 cm); with one thruster
     left, of 1 N, as much longer as the root of what it has less."""
     a = 2 * math.sqrt(2) / PLATFORM.mass
@@ -86,7 +84,7 @@ def test_least_settling_by_hand() -> None:
     assert alone == pytest.approx(found * math.sqrt(2 * math.sqrt(2)), rel=1e-9)
 
 
-def test_who_is_faster_leaves_for_a_moment() -> None:
+def test_who_is_faster_leaves_for_a_moment():
     """Braking as hard as it can from one side of the ball along a line, at any phase of the period."""
     within = hull.settling_set(PLATFORM, 0.05, 0.1, 0.2)
     h = 0.2
@@ -101,7 +99,7 @@ def test_who_is_faster_leaves_for_a_moment() -> None:
     )
 
 
-def test_overshooting_is_allowed_for() -> None:
+def test_overshooting_is_allowed_for():
     """Too fast to stop in time: brake, come back. v^2 / 2a too far, then bang-bang back."""
     a = 2 * math.sqrt(2) / PLATFORM.mass
     v = 0.6
@@ -110,13 +108,13 @@ def test_overshooting_is_allowed_for() -> None:
     assert bound == pytest.approx(v / a + 2 * math.sqrt(back / a))
 
 
-def test_out_of_reach_is_infinite() -> None:
+def test_out_of_reach_is_infinite():
     assert hull.least_fuel(PLATFORM, POSE, planar(x=-30.0), planar(), 2.0, EXACT) == math.inf
     with pytest.raises(ConfigError, match="horizon > 0 s, got 0"):
         hull.least_fuel(PLATFORM, POSE, planar(), planar(), 0.0, EXACT)
 
 
-def test_tolerances_are_granted() -> None:
+def test_tolerances_are_granted():
     """By hand, with a = 2.828 N / 5.32 kg = 0.5317 m/s^2 and 1.24 N m / 0.2045 kg m^2 for the turn."""
     push = 2 * math.sqrt(2) / PLATFORM.mass
     turn = 1.24 / PLATFORM.inertia[2][2]
@@ -148,7 +146,7 @@ def test_tolerances_are_granted() -> None:
     )  # approached from above
 
 
-def test_a_long_body_turns_about_its_easiest_axis() -> None:
+def test_a_long_body_turns_about_its_easiest_axis():
     """Momentum L turns no faster than L / I_min: with moments 0.1, 0.4, 0.4 the angle counts by 0.1."""
     craft = replace(FLYER, inertia=((0.1, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.4)))
     torques = [np.array(row[3:]) for row in craft.wrench_map]
@@ -172,7 +170,7 @@ def test_a_long_body_turns_about_its_easiest_axis() -> None:
 @pytest.mark.parametrize(
     "craft", [lopsided(), replace(lopsided(), thrust_sharing="split")], ids=["full", "shared"]
 )
-def test_no_firing_sequence_beats_its_bounds(craft: Spacecraft) -> None:
+def test_no_firing_sequence_beats_its_bounds(craft):
     """All 32,768 of three periods; bounds for every final state of some of them."""
     start = planar(0.3, -0.2, 0.7, (0.1, 0.05), 0.4)
     flown = fly_everything(craft, start, 3)
@@ -185,7 +183,7 @@ def test_no_firing_sequence_beats_its_bounds(craft: Spacecraft) -> None:
         assert hull.least_time(craft, POSE, start, end, EXACT) <= 3 * h + 1e-9
 
 
-def test_many_thrusters_are_bounded_by_their_sum() -> None:
+def test_many_thrusters_are_bounded_by_their_sum():
     """Beyond 16 no force exceeds the thrust; the bound is looser, and still one."""
     doubled = replace(FLYER, thrusters=FLYER.thrusters * 2)
     start = scenario(GoToPose().for_evaluation(), 3, 3, 0)
@@ -196,7 +194,7 @@ def test_many_thrusters_are_bounded_by_their_sum() -> None:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, SHARED, nasty_spatial()], ids=lambda c: c.name)
-def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft: Spacecraft) -> None:
+def test_who_has_no_thruster_left_never_arrives_unless_drifting(craft):
     """At 0.5 m/s it is 5.9 s away from the set of 5 cm around a goal 3 m ahead."""
     count = len(craft.thrusters)
     dead = hull.Health((0.0,) * count, (0.0,) * count)

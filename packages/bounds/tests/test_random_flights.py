@@ -1,7 +1,5 @@
 """Random spacecraft and flights against their bounds, and a broken bound found out."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -11,7 +9,7 @@ from tests.support.bounded_flights import ROUNDING, beaten
 
 
 @pytest.mark.slow
-def test_no_random_flight_is_below_its_bounds() -> None:
+def test_no_random_flight_is_below_its_bounds():
     """Some are on them: what holds all its thrusters open from rest cannot be done sooner."""
     rows = {seed: beaten(seed) for seed in range(100, 140)}
     beyond = {
@@ -26,7 +24,7 @@ def test_no_random_flight_is_below_its_bounds() -> None:
     assert any("dual of the certificate" in row for row in rows.values())
 
 
-def test_a_bound_that_is_too_high_is_found_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bound_that_is_too_high_is_found_out(monkeypatch):
     """The cap that once forgot the thrusters that turn."""
     of = hull.Reach.of.__func__  # type: ignore[attr-defined]
     monkeypatch.setattr(

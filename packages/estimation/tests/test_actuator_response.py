@@ -1,7 +1,5 @@
 """How a craft answers, as found by least squares: against SciPy's, and in worlds whose answer is known."""
 
-from __future__ import annotations
-
 import itertools
 
 import numpy as np

@@ -10,13 +10,11 @@ import pytest
 import torch
 from rans_machine_code.network import CpuActorCritic, network_code
 
+from rans import Engine, MultiTask, PPOSettings
 from rans.compile.preprocess import PolicyPrograms
-from rans.fast.engine import Engine
 from rans.fast.learn.beginning import architecture_of
-from rans.fast.learn.config import PPOSettings
 from rans.policy.network import Network
 from rans.policy.symmetry import symmetries
-from rans.tasks import MultiTask
 from rans.tasks.derived import layout
 from tests.support.engines import NEAR, PLATFORM
 from tests.support.training import MACHINE_CODE_CASES, collected, scatter
@@ -25,7 +23,7 @@ SIDES: Any = symmetries(PLATFORM)
 
 
 @MACHINE_CODE_CASES
-def test_answers_are_torchs(craft: Any, settings: Any) -> None:
+def test_answers_are_torchs(craft, settings):
     count = 75
     network = collected(craft, **settings)[0].network
     plain = Network(network.architecture, network.tensors)
@@ -52,7 +50,7 @@ def test_answers_are_torchs(craft: Any, settings: Any) -> None:
     ],
     ids=["nothing", "layers", "activation", "zoom", "clip", "symmetries", "places", "columns"],
 )
-def test_looks_alike_share_their_code(change: Any) -> None:
+def test_looks_alike_share_their_code(change):
     """And only those: each says what torch says of its own weights."""
     network_code.cache_clear()
     first = replace(

@@ -1,9 +1,5 @@
 """Gradients and answers as machine code, against torch's."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import pytest
 import torch
 from rans_machine_code.gradient import CpuGradient
@@ -15,7 +11,7 @@ from tests.support.training import MACHINE_CODE_CASES, collected, tiny_learner
 
 
 @MACHINE_CODE_CASES
-def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
+def test_gradients_are_autograds(craft, settings):
     learner, batch = collected(craft, **settings)
     learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.settings)
     (part,) = minibatches(batch, 1)
@@ -41,5 +37,5 @@ def test_gradients_are_autograds(craft: Any, settings: Any) -> None:
         {"n_envs": 4, "batch_size": WIDTH // 2},
     ],
 )
-def test_what_is_left_to_autograd(settings: Any) -> None:
+def test_what_is_left_to_autograd(settings):
     assert tiny_learner(**settings).backend is None

@@ -1,7 +1,5 @@
 """Vector functions as machine code, against NumPy in double precision."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rans_machine_code.llvm import LANES, LONG, POINTER, compiled
@@ -16,10 +14,10 @@ ORACLES = {
 
 
 @pytest.mark.parametrize("name", ORACLES)
-def test_activations_are_numpys(name: str) -> None:
+def test_activations_are_numpys(name):
     out = np.empty_like(X)
 
-    def write(code, given, to) -> None:
+    def write(code, given, to):
         def vector(number, _):
             place = code.mul(number, LONG(LANES))
             code.write(code.activation(name, code.read(given, place)), to, place)

@@ -30,7 +30,7 @@ def of_llvm(
     return found
 
 
-def test_an_operation_is_the_same_as_machine_code(tmp_path: Path) -> None:
+def test_an_operation_is_the_same_as_machine_code(tmp_path):
     check("LLVM", LLVM, of_llvm, np.float32, tmp_path)
 
 
@@ -39,7 +39,7 @@ def of_one(name: str, *arrays: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("name", ["sin", "cos", "exp", "log", "log1p"])
-def test_functions_are_numpys_far_from_zero(name: str) -> None:
+def test_functions_are_numpys_far_from_zero(name):
     """Phases of long flights, and logarithms of the smallest draws; what is no number stays so."""
     x = {
         "sin": np.linspace(-1e6, 1e6, COUNT),
@@ -54,19 +54,19 @@ def test_functions_are_numpys_far_from_zero(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
-def test_angles_without_digits_have_some_sine(name: str) -> None:
+def test_angles_without_digits_have_some_sine(name):
     """Of a flight that failed long ago: it stays a number from -1 to 1, as NumPy's."""
     x = np.geomspace(1e6, 1e38, COUNT, dtype=np.float32)
     assert (np.abs(of_one(name, x)) <= 1.0).all()
 
 
-def test_an_angle_of_no_number_is_none() -> None:
+def test_an_angle_of_no_number_is_none():
     a, nothing = np.ones(COUNT, np.float32), np.full(COUNT, np.nan, np.float32)
     for y, x in ((a, nothing), (nothing, a)):
         assert np.isnan(of_one("atan2", y, x)).all()
 
 
-def test_constant_zeros_keep_their_signs() -> None:
+def test_constant_zeros_keep_their_signs():
     a = Symbol.input("a")
     for zero in (0.0, -0.0):
         memory = CompiledProgram([a], [Symbol.apply("atan2", zero, a)]).memory(1)

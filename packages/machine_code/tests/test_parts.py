@@ -27,7 +27,7 @@ def trained_and_flown() -> tuple[torch.Tensor, FlightStatistics, tuple[Any, ...]
     return weights(learner.network), flights.fly(0, 100, 3), kinds
 
 
-def test_a_bare_core_trains_and_flies_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bare_core_trains_and_flies_the_same(monkeypatch):
     ours, flown, compiled = trained_and_flown()
     assert None not in compiled
     nobody = Registry("machine code", "rans.machine_code.none", {}, lambda make: make)

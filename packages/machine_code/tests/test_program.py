@@ -43,7 +43,7 @@ def inputs() -> dict[Symbol, Any]:
     }
 
 
-def test_every_operation(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_operation(monkeypatch):
     """Interpreted, and then, of the same bits, as one function."""
     monkeypatch.setattr(program, "_OFTEN", 1)
     given = inputs()
@@ -59,9 +59,9 @@ def test_every_operation(monkeypatch: pytest.MonkeyPatch) -> None:
     np.testing.assert_array_equal(memory.run(0), interpreted)
 
 
-def test_a_later_part_uses_what_an_earlier_one_found() -> None:
+def test_a_later_part_uses_what_an_earlier_one_found():
     given = inputs()
-    late: Any = Symbol.input("late")
+    late = Symbol.input("late")
     a, b, _ = tuple[Any, ...](given)
     first = (a * b, a + 1.0)
     second = ((a * b) * late, where(a > b, late, a + 1.0), a * b)
@@ -76,7 +76,7 @@ def test_a_later_part_uses_what_an_earlier_one_found() -> None:
 
 
 @pytest.mark.parametrize("asked", [0, 1])
-def test_constants_and_inputs_may_be_asked_for(asked: int) -> None:
+def test_constants_and_inputs_may_be_asked_for(asked):
     a = Symbol.input("a")
     memory = CompiledProgram([a], [(Symbol.constant(2.5), a)[asked]]).memory(3)
     memory.give([np.arange(3)])

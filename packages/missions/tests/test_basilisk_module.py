@@ -31,14 +31,14 @@ PERIOD = 200_000_000
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("basilisk")
     write_export(AGENT, folder, FORM, episodes=8)
     return folder
 
 
 @pytest.fixture
-def file(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Any:
+def file(folder, monkeypatch) -> Any:
     """The exported file as a module."""
     if not is_installed("Basilisk"):  # frames are tested without it
         parts: Any = SimpleNamespace(messaging=None, sysModel=SimpleNamespace(SysModel=object))
@@ -65,7 +65,7 @@ def send(module: Any, now: float, own: dict[str, Any], goal: dict[str, Any]) -> 
     module.transRefInMsg.subscribeTo(message("TransRefMsg", r_RN_N=goal["position"]))
 
 
-def test_frames_by_hand(file: Any) -> None:
+def test_frames_by_hand(file):
     """A quarter about z lets B's x point along N's y; a third about the diagonal turns x to y and y to z."""
     quarter = file.rotation((0.0, 0.0, np.sqrt(2.0) - 1.0))
     np.testing.assert_allclose(quarter[:, 0], (0.0, 1.0, 0.0), atol=1e-15)
@@ -74,7 +74,7 @@ def test_frames_by_hand(file: Any) -> None:
         np.testing.assert_allclose(file.rotation(same), np.eye(3)[[2, 0, 1]], atol=1e-15)
 
 
-def test_golden_pairs_through_messages(file: Any, folder: Path) -> None:
+def test_golden_pairs_through_messages(file, folder):
     pytest.importorskip("Basilisk")
     module = file.AgentModule()
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
@@ -93,7 +93,7 @@ def test_golden_pairs_through_messages(file: Any, folder: Path) -> None:
 
 
 @pytest.mark.slow
-def test_flights_in_basilisk(file: Any) -> None:
+def test_flights_in_basilisk(file):
     """Basilisk and the fast engine solve the same of 64 starts, with impulse within 2 % in every flight."""
     simulation = pytest.importorskip("Basilisk.simulation")
     utilities = pytest.importorskip("Basilisk.utilities.SimulationBaseClass")

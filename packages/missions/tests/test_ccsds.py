@@ -14,11 +14,10 @@ from rans_missions.ccsds import EARTH, OrbitState, read_opm, relative_state, wri
 from rans_missions.script import Script
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, Timing
 from rans.flight import Flight, fly
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 
 N = rans.Hold().mean_motion
@@ -48,7 +47,7 @@ def flight() -> Flight:
     return fly(craft, task, coasting, replace(starts, start=start), timing)
 
 
-def test_a_foreign_reader_reads_them(flight: Flight, tmp_path: Path) -> None:
+def test_a_foreign_reader_reads_them(flight, tmp_path):
     oem, target = (
         read(file)
         for file in write_ccsds(flight, tmp_path, 1, "2026-02-03T04:05:06", 51.6, 30.0, 90.0)
@@ -72,7 +71,7 @@ def test_a_foreign_reader_reads_them(flight: Flight, tmp_path: Path) -> None:
     assert np.linalg.norm(v) == pytest.approx(N * (RADIUS + 100.0) + 0.1, abs=1e-8)
 
 
-def test_opm_in_gives_the_state_that_oem_out_had(flight: Flight, tmp_path: Path) -> None:
+def test_opm_in_gives_the_state_that_oem_out_had(flight, tmp_path):
     files = write_ccsds(flight, tmp_path, 0, inclination=63.4, node=200.0, latitude=17.0)
     states = []
     for file in files:
@@ -100,7 +99,7 @@ def test_opm_in_gives_the_state_that_oem_out_had(flight: Flight, tmp_path: Path)
     assert v == pytest.approx([x[2, 0] for x in flight.states.v.columns()], abs=1e-8)
 
 
-def test_refusals(flight: Flight, tmp_path: Path) -> None:
+def test_refusals(flight, tmp_path):
     with pytest.raises(ConfigError, match="episodes 0 to 1, got 2"):
         write_ccsds(flight, tmp_path, 2)
     with pytest.raises(ConfigError, match=r"flight must be a .*Flight, got 'flight.npz'"):
@@ -172,9 +171,7 @@ def opm(folder: Path, more: str = "", **changed: str | None) -> Path:
         ({"EPOCH": "2026-01-01T00:00:00+01:00"}, "EPOCH of .* must be an instant"),
     ],
 )
-def test_what_a_message_says_otherwise_is_refused(
-    tmp_path: Path, changed: dict[str, Any], sentence: str
-) -> None:
+def test_what_a_message_says_otherwise_is_refused(tmp_path, changed, sentence):
     with pytest.raises(ConfigError, match=sentence):
         read_opm(opm(tmp_path, **changed))
 
@@ -197,7 +194,7 @@ COMMENT the station
 """
 
 
-def test_an_ephemeris_begins_with_its_first_state(tmp_path: Path) -> None:
+def test_an_ephemeris_begins_with_its_first_state(tmp_path):
     file = tmp_path / "iss.oem"
     file.write_text(OEM, "utf-8")
     state = read_opm(file)
@@ -217,9 +214,7 @@ def test_an_ephemeris_begins_with_its_first_state(tmp_path: Path) -> None:
         ("TIME_SYSTEM", "REF_FRAME = ITRF2000\nTIME_SYSTEM", "REF_FRAME stands twice .* line 8"),
     ],
 )
-def test_an_ephemeris_that_means_something_else_is_refused(
-    tmp_path: Path, old: str, new: str, message: str
-) -> None:
+def test_an_ephemeris_that_means_something_else_is_refused(tmp_path, old, new, message):
     file = tmp_path / "iss.oem"
     assert old in OEM
     file.write_text(OEM.replace(old, new), "utf-8")
@@ -235,7 +230,7 @@ def test_an_ephemeris_that_means_something_else_is_refused(
         ({"X": "+.7e4", "Y_DOT": "7546.E-3"}, 7e6, 7546.0),
     ],
 )
-def test_units_and_numbers(tmp_path: Path, changed: dict[str, Any], p: float, v: float) -> None:
+def test_units_and_numbers(tmp_path, changed, p, v):
     state = read_opm(opm(tmp_path, **changed))
     assert (state.p[0], state.v[1]) == pytest.approx((p, v), rel=1e-12)
 
@@ -248,7 +243,7 @@ def test_units_and_numbers(tmp_path: Path, changed: dict[str, Any], p: float, v:
         ("2024-366T12:30:05Z", 5_000_000),
     ],
 )
-def test_epochs_as_other_programs_write_them(tmp_path: Path, text: str, micro: int) -> None:
+def test_epochs_as_other_programs_write_them(tmp_path, text, micro):
     state = read_opm(opm(tmp_path, EPOCH=text))
     whole = datetime(2024, 12, 31, 12, 30, tzinfo=UTC)
     assert (state.epoch - whole).total_seconds() == micro * 1e-6

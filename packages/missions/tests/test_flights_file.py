@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.measure.metrics import impulses, won
@@ -31,7 +31,7 @@ def written(folder: Path, text: str) -> Path:
 
 
 @pytest.mark.slow
-def test_a_hand_made_flight_of_two_impulses_docks(tmp_path: Path) -> None:
+def test_a_hand_made_flight_of_two_impulses_docks(tmp_path):
     """One burn toward a point from which 300 s later a second one leads to the target, by SciPy's exponential."""
     contest = short(62)
     start = contest.start(0).start
@@ -52,7 +52,7 @@ def test_a_hand_made_flight_of_two_impulses_docks(tmp_path: Path) -> None:
     assert impulses(flight)[0] == pytest.approx(MASS * np.abs(burns).sum(), rel=1e-9)
 
 
-def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path: Path) -> None:
+def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path):
     contest = short(6)
     toward = -np.ravel(contest.start(0).start.p.columns())
     command = np.zeros(6)
@@ -64,7 +64,7 @@ def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path: Path) -> None:
     assert contest.fly(enlist(str(file), contest).controller).violated()[0]
 
 
-def test_every_start_flies_its_own_flight_however_many_there_are(tmp_path: Path) -> None:
+def test_every_start_flies_its_own_flight_however_many_there_are(tmp_path):
     """Controllers that say that they are slow fly eight episodes at a time, numbered from 0 each time."""
     contest = short(1, 9)
     file = written(tmp_path, "\n".join([DV.strip(), *(f"{k},0,{0.01 * k},0,0" for k in range(9))]))
@@ -92,6 +92,6 @@ DV = "start,time,dv.x,dv.y,dv.z\n"
         (DV, "without a gap, got none"),
     ],
 )
-def test_wrong_files_are_refused(tmp_path: Path, text: str, problem: str) -> None:
+def test_wrong_files_are_refused(tmp_path, text, problem):
     with pytest.raises(ConfigError, match=problem):
         enlist(str(written(tmp_path, text)), contest_of("mission:dock-3d", 1))

@@ -11,12 +11,11 @@ from rans_missions.passive_safety import CoastZone
 from rans_missions.script import Script
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError, Timing
 from rans.evaluation.measure.aggregate import measure
 from rans.flight import Flight, fly
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 
 N = rans.Hold().mean_motion
@@ -37,7 +36,7 @@ V = np.array([[0.0, 0.0, 0.0], [-50.0 * N, 0.0, 0.0], [0.0, -200.0 * N, 0.0]])
 """At rest on the orbit; an ellipse that ends at the target; the closed ellipse of 100 m."""
 
 
-def test_coasting_flights() -> None:
+def test_coasting_flights():
     safety = passive_safety(flown(P, V, np.zeros((5, 6))))
     assert safety.distance == pytest.approx([200.0, 0.0, 100.0], abs=0.03)
     assert safety.unsafe.tolist() == safety.unsafe_start.tolist() == [False, True, False]
@@ -45,7 +44,7 @@ def test_coasting_flights() -> None:
     assert passive_safety(flown(P, V, np.zeros((5, 6))), 1400.0).unsafe.tolist() == [False] * 3
 
 
-def test_a_burn_is_unsafe_in_its_midst() -> None:
+def test_a_burn_is_unsafe_in_its_midst():
     # Radial burns of 10 s change the velocity by up to 0.2 m/s. From 200 m behind, an ellipse of half width u / n
     # is 200 - 4 u / n from the target at its end: shut after 2.8 s of 10 it ends there; the whole burn passes it.
     craft = load_spacecraft("vbar-chaser")
@@ -59,7 +58,7 @@ def test_a_burn_is_unsafe_in_its_midst() -> None:
     assert after.distance[0] > 100.0
 
 
-def test_an_unsafe_start_is_counted_after_the_first_period() -> None:
+def test_an_unsafe_start_is_counted_after_the_first_period():
     craft = load_spacecraft("vbar-chaser")
     outward = int(np.argmax([thruster.direction[0] for thruster in craft.thrusters]))
     command = np.zeros((1, 6))
@@ -71,7 +70,7 @@ def test_an_unsafe_start_is_counted_after_the_first_period() -> None:
     assert safety.distance[0] == pytest.approx(200.0, abs=5.0)
 
 
-def test_instants_within_the_approach_do_not_count() -> None:
+def test_instants_within_the_approach_do_not_count():
     flight = flown(P[1:2], V[1:2], np.zeros((7, 6)), 300.0)
     near = np.asarray(flight.states.p.norm())[:, 0]
     crossed = int(np.argmax(near < 150.0))
@@ -82,7 +81,7 @@ def test_instants_within_the_approach_do_not_count() -> None:
     assert passive_safety(flight, 300.0, CoastZone(20.0, 10.0)).distance[0] < near[-1]
 
 
-def test_metrics_have_it_and_other_tasks_do_not() -> None:
+def test_metrics_have_it_and_other_tasks_do_not():
     metrics = measure(flown(P, V, np.zeros((5, 6))))
     assert metrics["unsafe coasts"].value == pytest.approx(100.0 / 3.0)
     assert metrics["coast distance"].value == pytest.approx(0.0, abs=0.02)

@@ -60,9 +60,7 @@ def responses() -> np.ndarray:
 
 
 @pytest.mark.parametrize("seed", range(12))
-def test_families_of_coasts_are_bounded_as_scipy_integrates_them(
-    seed: int, responses: np.ndarray
-) -> None:
+def test_families_of_coasts_are_bounded_as_scipy_integrates_them(seed, responses):
     random = np.random.default_rng(seed)
     state = np.concatenate([random.uniform(-150.0, 150.0, 3), random.uniform(-0.2, 0.2, 3)])
     push = random.uniform(-0.02, 0.02, 3)
@@ -92,7 +90,7 @@ def _segment_distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.linalg.norm(a + part[:, None] * along, axis=1)
 
 
-def test_an_impulse_at_an_unknown_instant_is_covered() -> None:
+def test_an_impulse_at_an_unknown_instant_is_covered():
     # All thrust in the first half second of a period: not constant, but of one direction.
     period, change = 20.0, np.array([0.0, 0.1, 0.0])
     state = np.array([20.0, -150.0, 5.0, 0.0, 0.0, 0.0])
@@ -106,7 +104,7 @@ def test_an_impulse_at_an_unknown_instant_is_covered() -> None:
     assert least_distances(N, pieces, 1)[0] <= least_distances(N, coast, 1)[0]
 
 
-def test_whether_a_distance_is_kept_agrees_with_the_least_distance() -> None:
+def test_whether_a_distance_is_kept_agrees_with_the_least_distance():
     random = np.random.default_rng(3)
     count, flights = 400, 80
     first = random.normal(size=(count, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
@@ -127,7 +125,7 @@ def test_whether_a_distance_is_kept_agrees_with_the_least_distance() -> None:
         np.testing.assert_array_equal(kept[certain], (least > distance)[certain])
 
 
-def test_the_bend_of_a_coast_bounds_its_acceleration() -> None:
+def test_the_bend_of_a_coast_bounds_its_acceleration():
     """What is left out between two instants is proven by it."""
     random = np.random.default_rng(6)
     states = random.normal(size=(50, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]

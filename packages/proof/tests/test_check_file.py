@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rans_proof.formula import formula_value
 from rans_proof.problem import problem_of
 
-from rans.errors import ConfigError
+from rans import ConfigError
 
 pytest.importorskip("flint")
 
@@ -52,7 +52,7 @@ TABLE: dict[str, Any] = {
 }
 
 
-def test_an_honest_certificate_is_read() -> None:
+def test_an_honest_certificate_is_read():
     claim = claim_of(json.dumps(TABLE).encode())
     assert claim.network == TABLE["network"]
     assert claim.cells[1] == [(0.0, 1.0), (-0.2, 0.2)]
@@ -76,7 +76,7 @@ READ = [
 
 
 @pytest.mark.parametrize(("old", "new"), READ)
-def test_prover_and_checker_read_the_same_problems(old: str, new: str) -> None:
+def test_prover_and_checker_read_the_same_problems(old, new):
     assert old in PROBLEM
     text = PROBLEM.replace(old, new, 1)
     problem_of(text)
@@ -102,7 +102,7 @@ OTHER = [
 ]
 
 
-def test_other_problems_have_other_statements() -> None:
+def test_other_problems_have_other_statements():
     """Whoever reads what is accepted reads every number of it."""
     tables = [problem_table(PROBLEM.replace(*change)) for change in [("", ""), *OTHER]]
     assert len({statement(table) for table in tables}) == len(tables)
@@ -114,7 +114,7 @@ def test_other_problems_have_other_statements() -> None:
     assert difference(tables[0], more) == difference(more, tables[0]) == "begins"
 
 
-def test_for_ever_is_said_of_flights_that_come_back_only() -> None:
+def test_for_ever_is_said_of_flights_that_come_back_only():
     """The end's box reaches beyond the starts along x0, and along x1."""
     inside = PROBLEM.replace(
         "[end]\nlower = [-2.0, -0.3]\nupper = [0.5, 0.3]",
@@ -163,7 +163,7 @@ def formulas() -> st.SearchStrategy[str]:
 @example("tan(x=x0)")
 @example("x0 / (x0 - x0)")
 @settings(max_examples=300, deadline=None)
-def test_formulas_are_computed_as_python_does_or_refused_by_both(text: str) -> None:
+def test_formulas_are_computed_as_python_does_or_refused_by_both(text):
     """Numbers are such that no rounding hides an exchange of operations."""
     names = {"x0": 0.75, "x1": -1.25, "u0": 3.5}
     try:
@@ -183,7 +183,7 @@ def test_formulas_are_computed_as_python_does_or_refused_by_both(text: str) -> N
         assert float(of_checker) == pytest.approx(true, rel=1e-12)  # type: ignore[arg-type]
 
 
-def test_a_theorem_prints_what_was_parsed() -> None:
+def test_a_theorem_prints_what_was_parsed():
     """Of 0x10 and brackets that mean nothing their values, on one line."""
     text = PROBLEM.replace('"0.1 * u0"', '"(0x10 *\\n u0) / 1_0"')
     assert "x1' = 16 * u0 / 10\n" in statement(problem_table(text))

@@ -19,14 +19,14 @@ def loaded(module: str) -> set[str]:
     return {name for name in run.stdout.split() if name.startswith(beginnings)}
 
 
-def test_checkers_load_no_module_of_rans() -> None:
+def test_checkers_load_no_module_of_rans():
     found = loaded("check")
     assert {"rans_proof.balls", "rans_proof.claims"} < found
     assert all(name.startswith("rans_proof.") for name in found)
 
 
 @pytest.mark.slow
-def test_no_module_is_of_a_checker_and_of_a_prover() -> None:
+def test_no_module_is_of_a_checker_and_of_a_prover():
     of_provers = loaded("prove")
     assert {"rans_proof.network", "torch"} < of_provers
     assert not loaded("check") & of_provers

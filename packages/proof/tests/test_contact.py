@@ -44,7 +44,7 @@ def contact(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return before + part[:, None] * (after - before)
 
 
-def test_flights_come_to_contact(problem: Problem, network: list[Layer]) -> None:
+def test_flights_come_to_contact(problem, network):
     """Flights by the exact transition over a period, and a part of the proof below their margins."""
     second = transition(MEAN_MOTION, 1.0)
     start = drawn(problem, 200, 0)
@@ -76,7 +76,7 @@ FALSE = {
 
 
 @pytest.mark.parametrize("claim", FALSE)
-def test_a_false_claim_is_refuted(claim: str, network: list[Layer]) -> None:
+def test_a_false_claim_is_refuted(claim, network):
     text = FILES.with_suffix(".toml").read_text("utf-8")
     old, new = FALSE[claim]
     assert text.count(old) == 1
@@ -85,7 +85,7 @@ def test_a_false_claim_is_refuted(claim: str, network: list[Layer]) -> None:
 
 
 @pytest.mark.slow
-def test_cells_at_its_worst_corner_are_accepted(problem: Problem, network: list[Layer]) -> None:
+def test_cells_at_its_worst_corner_are_accepted(problem, network):
     """A cell with the worst flight, proved and checked; all 64 take 37 s and 145 s on a loaded core."""
     pytest.importorskip("flint")
     from rans_proof.certificate import table

@@ -6,14 +6,13 @@ Each has two lines of defence, its reader and a comparison, and each line is tes
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from rans_proof import network
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from tests.support.graphs import WEIGHT, forged, graph, ordinary, step
 
 from .planted import ERRORS, planted
@@ -67,9 +66,7 @@ READERS["checker"] = checker, of_checker, Refused
 
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("form", ordinary())
-def test_ordinary_graphs_are_read_as_they_run(
-    form: str, reader: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_ordinary_graphs_are_read_as_they_run(form, reader, monkeypatch):
     module, answers, _ = READERS[reader]
     content = ordinary()[form]
     true = of_runtime(content)
@@ -81,9 +78,7 @@ def test_ordinary_graphs_are_read_as_they_run(
 
 @pytest.mark.parametrize("reader", READERS)
 @pytest.mark.parametrize("form", forged())
-def test_forged_graphs_are_refused_by_the_reader_alone(
-    form: str, reader: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_forged_graphs_are_refused_by_the_reader_alone(form, reader, monkeypatch, tmp_path):
     module, answers, refusal = READERS[reader]
     monkeypatch.chdir(tmp_path)
     (tmp_path / "weights.bin").write_bytes(WEIGHT.tobytes())  # of the graph that keeps them there
@@ -112,9 +107,7 @@ def cancelling(kind: str) -> bytes:
     ("reader", "form", "old", "new"),
     [(reader, *error) for reader in READERS for error in ERRORS[f"misread_by_{reader}"]],
 )
-def test_what_is_misread_is_refused_by_the_comparison(
-    reader: str, form: str, old: str, new: str
-) -> None:
+def test_what_is_misread_is_refused_by_the_comparison(reader, form, old, new):
     module, answers, refusal = READERS[reader]
     wrong = planted([module.__name__], (module.__name__, old, new))[module.__name__]
     graphs = ordinary() | {"sums that cancel": cancelling("Tanh")}
@@ -123,7 +116,7 @@ def test_what_is_misread_is_refused_by_the_comparison(
 
 
 @pytest.mark.parametrize("reader", READERS)
-def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None:
+def test_weights_too_large_for_single_precision_are_refused(reader):
     """The exact network answers W x; in single precision 1e9 + 1 is 1e9."""
     module, answers, refusal = READERS[reader]
     content = graph(
@@ -136,7 +129,7 @@ def test_weights_too_large_for_single_precision_are_refused(reader: str) -> None
 
 
 @pytest.mark.parametrize("kind", ["Tanh", "Sigmoid", "Relu", ""])
-def test_planes_hold_what_single_precision_answers(kind: str) -> None:
+def test_planes_hold_what_single_precision_answers(kind):
     """The checker's planes do; the prover compares its own with ONNX Runtime whenever it reads a file."""
     content = cancelling(kind)
     network.network_of(content, "net.onnx")
@@ -154,7 +147,7 @@ def test_planes_hold_what_single_precision_answers(kind: str) -> None:
     assert 0.003 <= np.max(excess) <= 1.0
 
 
-def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
+def test_networks_of_other_sizes_than_the_starts_are_refused():
     content = ordinary()["general product"]
     ends = (-1.0,) * 3, (1.0,) * 3
     with pytest.raises(ConfigError, match="3 states"):
@@ -164,7 +157,7 @@ def test_networks_of_other_sizes_than_the_starts_are_refused() -> None:
 
 
 @pytest.mark.parametrize("content", [b"", b"junk", b"\x08\x07" * 40, bytes(range(256))])
-def test_junk_is_a_sentence(content: bytes) -> None:
+def test_junk_is_a_sentence(content):
     for module, answers, refusal in READERS.values():
         with pytest.raises(refusal) as caught:
             answers(module, content)

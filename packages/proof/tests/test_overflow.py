@@ -77,9 +77,7 @@ def is_finite(content: bytes, precision: Any) -> bool:
 
 
 @pytest.mark.parametrize("precision", [np.float32, np.float64])
-def test_what_is_no_number_in_flight_is_never_proved(
-    precision: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_no_number_in_flight_is_never_proved(precision, monkeypatch):
     """Weights from 1e-38 to 1e38 (or 1e-308 to 1e308), without the comparisons of the readers."""
     for module in (network, network_reader):
         monkeypatch.setattr(module, "_compare", lambda *_: None)
@@ -90,7 +88,7 @@ def test_what_is_no_number_in_flight_is_never_proved(
         # A part of the exponents, as products of two of the largest numbers are none.
         widest = most * random.choice((0.1, 1.0))
 
-        def drawn(*shape: int, widest: float = widest) -> np.ndarray:
+        def drawn(*shape, widest=widest):
             part = random.uniform(-1.0, 1.0, shape)
             # A third of them near the largest numbers, which some state of the flights makes too large.
             part = np.where(random.random(shape) < 0.3, 0.8 + 0.2 * np.abs(part), part)
@@ -101,7 +99,7 @@ def test_what_is_no_number_in_flight_is_never_proved(
         ends = min(widest, 38.0) * random.uniform(-1.0, 1.0, 2)
         scales = dict(zip(("alpha", "beta"), (10.0**ends).tolist(), strict=True))
         shapes = {"W": (2, 1), "V": (2, 3), "U": (3, 1), "b": (1,), "c": (1,)}
-        tables: dict[str, Any] = {name: drawn(*shape) for name, shape in shapes.items()}
+        tables = {name: drawn(*shape) for name, shape in shapes.items()}
         divisor = np.abs(drawn(2)) + precision(10.0**-widest)
         content = graph(form.format(**scales), precision=precision, d=divisor, **tables)
         verdicts = is_proved(content), is_accepted(content)

@@ -6,7 +6,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,7 +21,7 @@ from tests.support.processes import ROOT
 from tests.support.small_networks import layers
 
 
-def test_the_hold_agent_stays_for_ever() -> None:
+def test_the_hold_agent_stays_for_ever():
     """The box in which its flights end is one that it comes back to, so that the ball is never entered."""
     folder = ROOT / "examples/proofs"
     far, near = (read_problem(folder / f"hold-agent{name}.toml") for name in ("", "-near"))
@@ -53,7 +52,7 @@ def check_some(proof: Proof, stem: Path, cells: Sequence[int]) -> None:
     assert check(json.dumps(table(proof, content)).encode(), content, cells) > 0.0
 
 
-def test_prover_and_checker_keep_a_set_narrow_for_120_periods() -> None:
+def test_prover_and_checker_keep_a_set_narrow_for_120_periods():
     """A cell of hold, with 4 cm/s at its end: did a part of the set become a box every period, less were left."""
     pytest.importorskip("flint")
     from rans_proof.check import Loop
@@ -71,13 +70,13 @@ def test_prover_and_checker_keep_a_set_narrow_for_120_periods() -> None:
 
 
 @pytest.mark.slow
-def test_the_checker_accepts_cells_of_hold() -> None:
+def test_the_checker_accepts_cells_of_hold():
     proof = proved(HOLD)
     # The first cells, the one of the least margin, and two others: all of them take six minutes.
     check_some(proof, HOLD, [0, 1, int(proof.margins.argmin()), 200, 300])
 
 
-def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property() -> None:
+def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property():
     """x' = x^3 + u from 2 is infinite after 1/8 s, from 0.1 only after 50 s."""
     problem = problem_of(
         'name = "blow-up"\nperiod = 0.5\nsteps = 4\ncommands = 1\nderivative = ["x0 * x0 * x0 + u0"]\n'
@@ -94,22 +93,22 @@ def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property() -> None
 FREE_FLYER = ROOT / "examples/proofs/free-flyer-agent"
 
 
-def test_the_free_flyers_states_move_as_a_rigid_body() -> None:
+def test_the_free_flyers_states_move_as_a_rigid_body():
     """The formulas against a flight in the world frame, with SciPy's rotations."""
     problem = read_problem(FREE_FLYER.with_suffix(".toml"))
     random = np.random.default_rng(0)
     x = 0.6 * random.normal(size=16)
     x[12] = 1.04
     u = random.uniform(-1.0, 1.0, 6)
-    tolerances: dict[str, Any] = {"rtol": 1e-10, "atol": 1e-12}
+    tolerances = {"rtol": 1e-10, "atol": 1e-12}
     after = solve_ivp(
         lambda _, y: problem.rates(y.tolist(), u.tolist()), (0.0, 1.5), x, **tolerances
     ).y[:, -1]
 
-    def turn(vector: np.ndarray) -> Rotation:
+    def turn(vector):
         return Rotation.from_mrp(vector / 4.0)
 
-    def world(_: float, y: np.ndarray) -> np.ndarray:
+    def world(_, y):
         attitude = Rotation.from_quat(y[6:10] / np.linalg.norm(y[6:10]))
         spin = y[10:]
         force = attitude.apply(0.263 * x[12] * u[:3])
@@ -135,7 +134,7 @@ def test_the_free_flyers_states_move_as_a_rigid_body() -> None:
 
 
 @pytest.mark.slow
-def test_the_free_flyer_is_proved() -> None:
+def test_the_free_flyer_is_proved():
     proof = proved(FREE_FLYER)
     # One cell of four: all of them take another six seconds.
     check_some(proof, FREE_FLYER, range(0, len(proof.low), 4))
@@ -143,11 +142,11 @@ def test_the_free_flyer_is_proved() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["docking-agent", "pose-agent"])
-def test_the_agents_of_the_page_are_proved(name: str) -> None:
+def test_the_agents_of_the_page_are_proved(name):
     proved(ROOT / f"examples/proofs/{name}")
 
 
-def test_the_hold_agent_from_ahead_is_refuted() -> None:
+def test_the_hold_agent_from_ahead_is_refuted():
     """Its guidance knows nothing of the ball, which is then on its way."""
     folder = ROOT / "examples/proofs"
     problem = read_problem(folder / "hold-agent.toml")
@@ -160,7 +159,7 @@ def test_the_hold_agent_from_ahead_is_refuted() -> None:
     assert lowest_margins(ahead, network, proof.counterexample[None])[0] < 0.0
 
 
-def test_a_lost_cell_leaves_the_margins_of_others_alone() -> None:
+def test_a_lost_cell_leaves_the_margins_of_others_alone():
     """Cells of one batch, some of which end beyond the box, or have no bound, against each cell by itself."""
     problem = problem_of(
         'name = "it"\nperiod = 0.5\nsteps = 6\ncommands = 1\nderivative = ["x0 * x0", "u0"]\n'

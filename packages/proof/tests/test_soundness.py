@@ -17,14 +17,14 @@ _SLOW = (pytest.mark.slow,)
 
 
 @pytest.mark.parametrize("part", OF_CHECKER)
-def test_the_checker_is_sound_and_tight(part: str) -> None:
+def test_the_checker_is_sound_and_tight(part):
     OF_CHECKER[part](Checker(planted(CHECKER)))
 
 
 @pytest.mark.parametrize(
     "part", [pytest.param(part, marks=_SLOW if part == "motions" else ()) for part in OF_PROVER]
 )
-def test_the_prover_is_sound_and_tight(part: str) -> None:
+def test_the_prover_is_sound_and_tight(part):
     OF_PROVER[part](Prover(planted(PROVER)))
 
 
@@ -37,14 +37,14 @@ def by_turns(name: str) -> list[Any]:
 
 
 @pytest.mark.parametrize(("part", "module", "old", "new"), by_turns("bounds_of_checker"))
-def test_errors_of_the_checker_are_caught(part: str, module: str, old: str, new: str) -> None:
+def test_errors_of_the_checker_are_caught(part, module, old, new):
     wrong = Checker(planted(CHECKER, (f"rans_proof.{module}", old, new)))
     with pytest.raises((AssertionError, pytest.fail.Exception, *wrong.refusals)):
         OF_CHECKER[part](wrong)
 
 
 @pytest.mark.parametrize(("part", "module", "old", "new"), by_turns("bounds_of_prover"))
-def test_errors_of_the_prover_are_caught(part: str, module: str, old: str, new: str) -> None:
+def test_errors_of_the_prover_are_caught(part, module, old, new):
     wrong = Prover(planted(PROVER, (f"rans_proof.{module}", old, new)))
     with pytest.raises(AssertionError):
         OF_PROVER[part](wrong)

@@ -8,7 +8,7 @@ import pytest
 
 
 @pytest.fixture(scope="session")
-def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def agent(tmp_path_factory) -> Path:
     """What a node flies: the shipped agent, as NumPy."""
     pytest.importorskip("rosbags")
     from rans.deploy.export import write_export
@@ -22,6 +22,6 @@ def agent(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def _trusted(monkeypatch: pytest.MonkeyPatch) -> None:
+def _trusted(monkeypatch) -> None:
     """The agents of these tests are written by them, and a flight runs their agent.py."""
     monkeypatch.setenv("RANS_TRUST", "1")

@@ -15,11 +15,11 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 from rans_robot.bag import BagMessage, bag_entries
-from rans_robot.bus import Distribution, ZenohBus
+from rans_robot.bus import ZenohBus
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import POSE, TEXT, text_message
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from tests.support.processes import free_port, wait_until
 from tests.support.robots import AWAY, bag_of
 
@@ -49,7 +49,7 @@ def checked(kind: str, message: Any) -> None:
         np.testing.assert_allclose(message.position, (1.0, 2.0, 0.0))
 
 
-def test_the_official_decoder_reads_every_message(tmp_path: Path) -> None:
+def test_the_official_decoder_reads_every_message(tmp_path):
     """By the definitions that the bag holds, as ROS 2 writes them."""
     ros2 = pytest.importorskip("mcap_ros2.decoder")
     from mcap.reader import make_reader
@@ -65,7 +65,7 @@ def test_the_official_decoder_reads_every_message(tmp_path: Path) -> None:
     assert sorted(kinds) == sorted(row.kind for row in rows)
 
 
-def test_a_bag_is_sought_in_and_has_the_same_messages(tmp_path: Path) -> None:
+def test_a_bag_is_sought_in_and_has_the_same_messages(tmp_path):
     from mcap.reader import SeekingReader
 
     file, rows = written(tmp_path)
@@ -105,7 +105,7 @@ def port() -> int:
 
 
 @pytest.fixture
-def router(port: int) -> Iterator[int]:
+def router(port) -> Iterator[int]:
     """Port of a router, as ROS 2's ``rmw_zenohd`` is one."""
     opened = session("router", "listen", port)
     yield port
@@ -113,11 +113,11 @@ def router(port: int) -> Iterator[int]:
 
 
 @pytest.mark.parametrize("ros", ["humble", "jazzy", "kilted"])
-def test_somebody_else_reads_attachments(router: int, ros: Distribution) -> None:
+def test_somebody_else_reads_attachments(router, ros):
     """By zenoh-ros2-sdk, as a node of ROS 2 hears them: a peer that is connected to the router."""
     attachment = pytest.importorskip("zenoh_ros2_sdk.attachment")
     node = session("peer", "connect", router)
-    heard: list[Any] = []
+    heard = []
     node.declare_subscriber("3/rans/note/**", heard.append)
     bus = ZenohBus(3, f"tcp/127.0.0.1:{router}", ros)
     before = time.time_ns()
@@ -142,7 +142,7 @@ def test_somebody_else_reads_attachments(router: int, ros: Distribution) -> None
     assert keys == {f"3/rans/note/std_msgs::msg::dds_::String_/{kind}"}
 
 
-def test_somebody_else_lists_topics(router: int) -> None:
+def test_somebody_else_lists_topics(router):
     """By zenoh-ros2-sdk's ``zenoh-ros2 topic list``."""
     discovery = pytest.importorskip("zenoh_ros2_sdk.discovery")
     shared = pytest.importorskip("zenoh_ros2_sdk.session").ZenohSession
@@ -150,9 +150,9 @@ def test_somebody_else_lists_topics(router: int) -> None:
     try:
         bus.subscribe("pose", POSE, lambda _: None)
         bus.publish("rans/note", TEXT, SPOKEN)
-        listed: list[Any] = []
+        listed = []
 
-        def all_are_listed() -> bool:
+        def all_are_listed():
             listed[:] = discovery.get_topic_names_and_types(5, "127.0.0.1", router)
             return len(listed) == 2
 
@@ -167,21 +167,19 @@ def test_somebody_else_lists_topics(router: int) -> None:
     assert (about.publisher_count, about.subscriber_count) == (0, 1)
 
 
-def test_where_nothing_answers_is_said(port: int) -> None:
+def test_where_nothing_answers_is_said(port):
     pytest.importorskip("zenoh")
     with pytest.raises(ConfigError, match=rf"127\.0\.0\.1:{port}: Unable to connect.*rmw_zenohd"):
         ZenohBus(0, f"tcp/127.0.0.1:{port}")
 
 
-def test_a_pipe_is_refused_at_once(tmp_path: Path) -> None:
+def test_a_pipe_is_refused_at_once(tmp_path):
     os.mkfifo(tmp_path / "pipe")
     with pytest.raises(ConfigError, match="it is not a file"):
         list(bag_entries(tmp_path / "pipe"))
 
 
-def test_a_replay_asks_for_trust_once_there_is_something_to_trust(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refused: Any
-) -> None:
+def test_a_replay_asks_for_trust_once_there_is_something_to_trust(tmp_path, monkeypatch, refused):
     monkeypatch.setenv("RANS_TRUST", "")
     said = refused(f"replay {tmp_path}/none.mcap")
     assert "No such file" in said

@@ -11,7 +11,7 @@ import pytest
 from rans_robot.bus import DDSBus, UDPBus, ZenohBus, open_bus
 from rans_robot.interfaces import Interface
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from tests.support.processes import free_port, wait_until
 from tests.support.robots import AWAY
 
@@ -19,8 +19,8 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 
-def test_the_bus_is_that_of_the_robots_environment(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[tuple[Any, ...]] = []
+def test_the_bus_is_that_of_the_robots_environment(monkeypatch):
+    opened = []
     for name in ("DDSBus", "UDPBus", "ZenohBus"):
         monkeypatch.setattr(f"rans_robot.bus.{name}", lambda *given: opened.append(given))
     monkeypatch.setenv("ROS_DOMAIN_ID", "7")
@@ -56,7 +56,7 @@ def _buses(name: str) -> tuple[Any, Any]:
 
 
 @pytest.mark.parametrize("name", ["udp", "zenoh", "dds"])
-def test_every_type_crosses_every_bus(name: str) -> None:
+def test_every_type_crosses_every_bus(name):
     """The bytes that arrive are those that were sent."""
     first, second = _buses(name)
     try:
@@ -65,14 +65,14 @@ def test_every_type_crosses_every_bus(name: str) -> None:
         for robot in ("ros", "odometry", "px4", "roboran"):
             ends = Interface(robot, 8, 8)
             sent += [*ends.state(motion, 10**9), *ends.command([1.0] + [0.0] * 7, 10**9)]
-        got: dict[str, bytes] = {}
+        got = {}
         for message in sent:
             second.subscribe(
                 message.topic, message.kind, lambda data, m=message: got.update({m.topic: data})
             )
         wanted = {message.topic: message.data for message in sent}
 
-        def all_came() -> bool:
+        def all_came():
             for message in sent:
                 first.publish(*message)
             return len(got) == len(wanted)
@@ -91,7 +91,7 @@ def test_every_type_crosses_every_bus(name: str) -> None:
 
 
 @pytest.mark.parametrize("locator", ["bad", "listen/bad", "tcp/nowhere", 'tcp/"'])
-def test_what_is_no_locator_is_refused(locator: str) -> None:
+def test_what_is_no_locator_is_refused(locator):
     pytest.importorskip("zenoh")
     with pytest.raises(ConfigError, match=re.escape(locator.removeprefix("listen/"))):
         ZenohBus(0, locator)

@@ -12,19 +12,19 @@ from rans_robot.messages import TEXT, text_message
 from rans_robot.node import FLIGHT_TOPIC, replay_bag
 from rans_robot.pilot import MessagePilot
 
-from rans.tasks import GoToPose
+from rans import GoToPose
 from tests.support.damage import check
 from tests.support.robots import AWAY, bag_of, plan
 
 
 @pytest.fixture
-def mine(agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+def mine(agent, tmp_path, monkeypatch) -> Path:
     monkeypatch.setenv("RANS_TRUST", "1")
     monkeypatch.chdir(tmp_path)
     return Path(shutil.copytree(agent, tmp_path / "mine"))
 
 
-def test_bags(mine: Path) -> None:
+def test_bags(mine):
     pytest.importorskip("mcap")
     pilot = MessagePilot(plan(mine), GoToPose())
     about = json.dumps({"folder": str(mine), "task": {"name": "go-to-pose", "settings": {}}})
@@ -44,7 +44,7 @@ def test_bags(mine: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_agents(mine: Path) -> None:
+def test_agents(mine):
     # NumPy leaves a damaged agent.npz open, which Python warns of.
     names = "contract.json", "golden.json", "spacecraft.toml", "agent.npz"
     check([mine / name for name in names], lambda: MessagePilot(plan(mine), GoToPose()), 0.5)

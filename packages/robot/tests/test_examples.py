@@ -45,7 +45,7 @@ class Topics:
         self.receivers.clear()
 
 
-def test_the_node_of_ros2_is_a_short_shell(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_node_of_ros2_is_a_short_shell(monkeypatch):
     assert len(FILE.read_text("utf-8").splitlines()) <= 80
     qos = types.SimpleNamespace(
         QoSProfile=lambda **given: given,
@@ -64,7 +64,7 @@ def test_the_node_of_ros2_is_a_short_shell(monkeypatch: pytest.MonkeyPatch) -> N
         monkeypatch.setitem(sys.modules, name, module)
     node = Topics()
     bus = module_of(FILE).RosBus(node)
-    got: list[bytes] = []
+    got = []
     bus.subscribe("pose", POSE, got.append)
     (message,) = Interface("pose", 8, 8).state(AWAY, 10**9)
     bus.publish(*message)

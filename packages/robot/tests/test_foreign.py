@@ -11,7 +11,7 @@ import pytest
 from rans_robot.foreign import write_foreign_export
 from rans_robot.pilot import exported_agent
 
-from rans.errors import ConfigError, RansWarning
+from rans import ConfigError, RansWarning
 from tests.support.graphs import model_of, step
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -21,7 +21,7 @@ WIDTH = 10
 
 
 @pytest.mark.slow
-def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
+def test_the_folder_flies_as_its_contract_says(tmp_path):
     file = TRAINERS / "agents/sb3-sac.onnx"
     spec = f"onnx:{file}:go-to-pose-2d@{TRAINERS / 'throttled-platform.toml'}"
     folder = tmp_path / "sac"
@@ -49,13 +49,11 @@ def test_the_folder_flies_as_its_contract_says(tmp_path: Path) -> None:
         ("python:mine:act:go-to-pose-2d", "is no ONNX file"),
     ],
 )
-def test_a_policy_that_cannot_be_exported_is_a_sentence(
-    policy: str, sentence: str, refused: Any
-) -> None:
+def test_a_policy_that_cannot_be_exported_is_a_sentence(policy, sentence, refused):
     assert sentence in refused(f"export {policy} --format onnx")
 
 
-def test_a_network_with_states_is_not_exported(tmp_path: Path) -> None:
+def test_a_network_with_states_is_not_exported(tmp_path):
     """As RSL-RL exports recurrent networks: the states go in beside the observation, and come out."""
     nodes = [
         step("Slice", "obs first last axis", "some"),

@@ -34,7 +34,7 @@ ATMOS = 17.8, 0.315, 1.5
 
 @pytest.mark.parametrize("thruster", range(8))
 @pytest.mark.parametrize("heading", [0.0, 100.0])
-def test_one_pulse_of_each_thruster_in_px4s_frames(thruster: int, heading: float) -> None:
+def test_one_pulse_of_each_thruster_in_px4s_frames(thruster, heading):
     """ActuatorMotors in, VehicleOdometry out, against PX4's own table: Newton's law in NED and FRD by hand."""
     craft = load_spacecraft("atmos")
     plan = TwinPlan(craft, 0.1, robot="px4", start=(1.0, 2.0, heading))
@@ -69,7 +69,7 @@ def _last(messages: list[Any]) -> tuple[str, bytes]:
     return messages[-1].kind, messages[-1].data
 
 
-def test_frames_by_examples() -> None:
+def test_frames_by_examples():
     """Facing east, moving north, rolling: by hand."""
     facing_east = Motion(
         np.array([3.0, 4.0, 5.0]),

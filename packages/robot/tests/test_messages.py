@@ -1,13 +1,9 @@
 """Messages of robots: motions and commands survive them, and their types are those of ROS."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from rans_robot.frames import Motion
-from rans_robot.interfaces import Interface, RobotName
+from rans_robot.interfaces import Interface
 from rans_robot.messages import (
     FLOATS,
     PX4_MOTORS,
@@ -19,14 +15,14 @@ pytest.importorskip("mcap")
 
 
 @pytest.mark.parametrize("robot", ["ros", "odometry", "px4"])
-def test_a_motion_survives_its_messages(robot: RobotName) -> None:
+def test_a_motion_survives_its_messages(robot):
     random = np.random.default_rng(3)
     q = random.normal(size=4)
     motion = Motion(
         random.normal(size=3), q / np.linalg.norm(q), random.normal(size=3), random.normal(size=3)
     )
     ends = Interface(robot, 8, 8)
-    found: dict[str, Any] = {}
+    found = {}
     for message in ends.state(motion, 12_345_678_000):
         assert ends.inputs[message.topic] == message.kind
         reading = ends.read(message.topic, message.data)
@@ -38,7 +34,7 @@ def test_a_motion_survives_its_messages(robot: RobotName) -> None:
     assert abs(found["attitude"] @ motion.attitude) == pytest.approx(1.0)
 
 
-def test_messages_of_laboratories() -> None:
+def test_messages_of_laboratories():
     """By hand: RoboRAN's valve 5 is the agent's thruster 0; Pingu's thrusters follow bearing and enable."""
     row = unpack(
         "std_msgs/msg/Int16MultiArray",

@@ -6,11 +6,9 @@ import json
 import re
 import shlex
 import signal
-import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +22,7 @@ from rans_missions.tasks import Avoid
 from rans_robot.bag import bag_entries
 from rans_robot.bus import UDPBus, open_bus
 from rans_robot.frames import Motion
-from rans_robot.interfaces import Interface, RobotName
+from rans_robot.interfaces import Interface
 from rans_robot.messages import FLOATS, pack, text_message, unpack
 from rans_robot.node import END_TOPIC, Report, fly_over, replay_bag
 from rans_robot.pilot import (
@@ -35,12 +33,11 @@ from rans_robot.pilot import (
 )
 from rans_robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
 
+from rans import ConfigError, GoToPose
 from rans.cli import main
 from rans.deploy.export import write_export
-from rans.errors import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from rans.pretrained import pretrained_folder
-from rans.tasks import GoToPose
 from tests.support.processes import PATIENCE, wait_until
 from tests.support.robots import AWAY, Always, Wire, bag_of, hear_all, plan, started
 
@@ -67,7 +64,7 @@ def steps(pilot: MessagePilot, motion: Motion, count: int = 3, begin: int = 0) -
     return found
 
 
-def test_it_gives_the_agents_commands(agent: Path) -> None:
+def test_it_gives_the_agents_commands(agent):
     """The command on the bus is the one that the agent here gives to the observation of this state."""
     from rans.evaluation.fly.agent import load_policy
 
@@ -81,7 +78,7 @@ def test_it_gives_the_agents_commands(agent: Path) -> None:
     assert decision.note == ""
 
 
-def test_states_that_come_too_seldom_end_a_flight(agent: Path) -> None:
+def test_states_that_come_too_seldom_end_a_flight(agent):
     pilot = MessagePilot(plan(agent), GoToPose())
     slow: Any = None
     for k in range(1, 25):
@@ -100,7 +97,7 @@ def test_states_that_come_too_seldom_end_a_flight(agent: Path) -> None:
         (PLATFORM, 0.2001, "takes a command every 0.2001 s, but the agent gives one every 0.2 s"),
     ],
 )
-def test_another_robot_is_refused(agent: Path, craft: str, period: float, sentence: str) -> None:
+def test_another_robot_is_refused(agent, craft, period, sentence):
     pilot = MessagePilot(plan(agent), GoToPose())
     assert steps(pilot, AWAY)[-1].command.any()
     about = {
@@ -121,7 +118,7 @@ ZONES = (1.5, 0.0, 0.4, 60.0, 60.0, 0.4, -60.0, 60.0, 0.4)
 
 
 @pytest.fixture(scope="module")
-def avoider(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def avoider(tmp_path_factory) -> Path:
     """The shipped agent of avoid, as a node flies it."""
     folder = tmp_path_factory.mktemp("avoider") / "avoid-2d"
     with pytest.MonkeyPatch.context() as patch:
@@ -136,7 +133,7 @@ def avoiding(folder: Path, **changes: Any) -> Plan:
 
 
 @pytest.mark.parametrize("guard", [False, True])
-def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) -> None:
+def test_no_agent_enters_a_zone_behind_the_filter(guard, avoider):
     """Distances by hand, of the twin's motion."""
     pilot = MessagePilot(avoiding(avoider, guard=guard), Avoid())
     # Every thruster that pushes along -x, towards the zone.
@@ -158,7 +155,7 @@ def test_no_agent_enters_a_zone_behind_the_filter(guard: bool, avoider: Path) ->
 
 
 @pytest.mark.slow
-def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: Path) -> None:
+def test_a_filtered_flight_comes_out_of_its_bag_again(avoider, tmp_path):
     bag = tmp_path / "flight.mcap"
     flying = avoiding(avoider, guard=True, lost_after=60.0)
     # It moves so fast towards the zone that the filter must act at once.
@@ -167,7 +164,7 @@ def test_a_filtered_flight_comes_out_of_its_bag_again(avoider: Path, tmp_path: P
     ends = Interface("ros", 8, 8)
     stop = threading.Event()
 
-    def publish() -> None:
+    def publish():
         while not stop.wait(0.04):
             for message in ends.state(fast, time.time_ns()):
                 wire.publish(*message)
@@ -214,7 +211,7 @@ def flown(wire: Wire, agent: Path, bag: Path, commands: int, **changes: Any) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("robot", ["ros", "pose"])
-def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> None:
+def test_a_flight_and_its_bag(agent, tmp_path, robot):
     bag = tmp_path / "flight.mcap"
     report = flown(Wire(), agent, bag, 15, robot=robot)
     assert report.fault == ""
@@ -239,7 +236,7 @@ def test_a_flight_and_its_bag(agent: Path, tmp_path: Path, robot: RobotName) -> 
         assert [*bag_entries(short)] == kept[: len([*bag_entries(short)])]
 
 
-def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -> None:
+def test_a_bag_that_was_changed_does_not_come_out(agent, tmp_path):
     bag = tmp_path / "flight.mcap"
     flown(Wire(), agent, bag, 10)
     shut = pack(FLOATS, {"data": np.zeros(8)})
@@ -253,24 +250,22 @@ def test_a_bag_that_was_changed_does_not_come_out(agent: Path, tmp_path: Path) -
 
 @pytest.mark.slow
 @pytest.mark.parametrize("killed", ["node", "twin", "nobody"])
-def test_a_kill_of_either_side_shuts_the_valves(
-    killed: str, agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_kill_of_either_side_shuts_the_valves(killed, agent, tmp_path, monkeypatch):
     """Two processes over UDP; one is ended by SIGKILL while valves are open.
 
     What a flight that ends well prints to run next runs, but a flight of a second identifies nothing.
     """
     domain = {"node": 41, "twin": 42, "nobody": 44}[killed]
     monitor = UDPBus(domain)
-    valves: list[bool] = []
-    commands: list[bool] = []
+    valves = []
+    commands = []
     monitor.subscribe(VALVES_TOPIC, FLOATS, lambda x: valves.append(any(unpack(FLOATS, x).data)))
     monitor.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
-    where: dict[str, Any] = {"domain": domain, "folder": tmp_path}
+    where = {"domain": domain, "folder": tmp_path}
     twin = started("twin", PLATFORM, "--start", "4", "0", "0", "--rate", "25", **where)
     running = [twin]
 
-    def until(holds: Callable[[], bool], *alive: subprocess.Popen[str]) -> None:
+    def until(holds, *alive):
         wait_until(lambda: holds() or any(process.poll() is not None for process in alive))
         assert holds()
 
@@ -307,13 +302,11 @@ def test_a_kill_of_either_side_shuts_the_valves(
         monitor.close()
 
 
-def test_a_command_to_which_no_robot_answers_fails(
-    agent: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_command_to_which_no_robot_answers_fails(agent, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("ROS_DOMAIN_ID", "43")
     out = tmp_path / "flight"
     line = f"fly {agent} --trust --bus udp --seconds 0.5 --output {out}"
-    codes: list[int] = []
+    codes = []
     # Only the main thread of a process catches its signals, which are pytest's here.
     node = threading.Thread(target=lambda: codes.append(main(line.split())), daemon=True)
     node.start()
@@ -325,7 +318,7 @@ def test_a_command_to_which_no_robot_answers_fails(
     assert replay_bag(out / "flight.mcap").decisions > 0
 
 
-def test_one_sentence_for_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_sentence_for_what_is_missing(monkeypatch):
     for module, name in (("zenoh", "zenoh"), ("cyclonedds", "dds")):
         monkeypatch.setitem(sys.modules, module, None)
         with pytest.raises(ConfigError, match=r"pip install .*\[robot\]"):

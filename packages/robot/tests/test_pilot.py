@@ -33,7 +33,7 @@ from rans_robot.messages import TEXT, text_message, unpack
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
 from rans_robot.pilot import AGENT_TOPIC, MessagePilot, code_of
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from tests.support.processes import PATIENCE
 from tests.support.robots import AWAY, Always, Wire, plan
 
@@ -100,7 +100,7 @@ class OnDisk(type(Path())):  # type: ignore[misc]
 
 
 @pytest.fixture(scope="module")
-def quick(agent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def quick(agent, tmp_path_factory) -> Path:
     """The agent at 100 Hz."""
     folder = tmp_path_factory.mktemp("quick")
     about = json.loads((agent / "contract.json").read_text("utf-8"))
@@ -112,7 +112,7 @@ def quick(agent: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def hasty(monkeypatch: pytest.MonkeyPatch) -> None:
+def hasty(monkeypatch) -> None:
     """Other nodes are listened for in no time, disks and terminals waited for; every valve is opened."""
     monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.001)
     monkeypatch.setattr("rans_robot.node._LAST_SENTENCES", PATIENCE)
@@ -142,9 +142,7 @@ def flight(
     "robot",
     ["ros", "px4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("roboran", "pingu"))],
 )
-def test_no_failing_disk_leaves_a_valve_open(
-    robot: RobotName, quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_failing_disk_leaves_a_valve_open(robot, quick, tmp_path, monkeypatch):
     """20 flights with disks that are full from some write on, at one write, or hang there."""
     chance = random.Random(robot)
     for number in range(20):
@@ -161,7 +159,7 @@ def test_no_failing_disk_leaves_a_valve_open(
         file = OnDisk(tmp_path / f"{number}.mcap")
         file.disk = disk
         bus = Robot(robot)
-        said: list[str] = []
+        said = []
         report = fly_over(
             bus,
             plan(quick, lost_after=60.0, robot=robot),
@@ -180,9 +178,7 @@ def test_no_failing_disk_leaves_a_valve_open(
         assert sum("the bag" in text for text in said) == failed
 
 
-def test_no_error_of_bookkeeping_skips_the_shut(
-    quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_error_of_bookkeeping_skips_the_shut(quick, tmp_path, monkeypatch):
     """Should the recorder itself raise, at any of its calls, for good."""
     from rans_robot.bag import Recorder
 
@@ -190,7 +186,7 @@ def test_no_error_of_bookkeeping_skips_the_shut(
     for at in range(1, 40, 3):
         calls = 0
 
-        def write(self: Any, entry: Any, at: int = at) -> None:
+        def write(self, entry, at=at):
             nonlocal calls
             calls += 1
             if calls >= at:
@@ -205,7 +201,7 @@ def test_no_error_of_bookkeeping_skips_the_shut(
     assert opened
 
 
-def test_a_bag_that_cannot_be_begun_is_said_before_the_flight(quick: Path, tmp_path: Path) -> None:
+def test_a_bag_that_cannot_be_begun_is_said_before_the_flight(quick, tmp_path):
     (tmp_path / "file").write_text("", "utf-8")
     for bag in (tmp_path / "file" / "bag.mcap", tmp_path / "file"):
         bus = Robot()
@@ -214,13 +210,11 @@ def test_a_bag_that_cannot_be_begun_is_said_before_the_flight(quick: Path, tmp_p
         assert not any(command.any() for command in bus.commands)
 
 
-def test_a_bag_has_a_largest_size(
-    quick: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_bag_has_a_largest_size(quick, tmp_path, monkeypatch):
     """It ends there, whole, and says so; the flight goes on."""
     monkeypatch.setattr("rans_robot.bag.LARGEST_BAG", 2500)
     bag = tmp_path / "flight.mcap"
-    said: list[str] = []
+    said = []
     bus = Robot()
     report = flight(bus, quick, bag, 20, said.append)
     assert report.fault == ""
@@ -233,7 +227,7 @@ def test_a_bag_has_a_largest_size(
 # Terminals, agents and buses
 
 
-def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
+def test_no_wait_for_a_message_is_endless(quick):
     """`queue.SimpleQueue` waits forever once in some 10,000 times, if the time is over before it waits."""
     flying = plan(quick)
     bus = Robot()
@@ -241,7 +235,7 @@ def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
     inbox.open(bus)
     topic = "pose"
 
-    def wait() -> None:
+    def wait():
         for number in range(30_000):
             inbox.refill()
             bus.hand_on(topic, b"")
@@ -255,15 +249,13 @@ def test_no_wait_for_a_message_is_endless(quick: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [OSError(errno.EIO, "Input/output error"), ValueError(), None])
-def test_a_lost_terminal_does_not_end_a_flight(
-    error: Exception | None, quick: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_lost_terminal_does_not_end_a_flight(error, quick, monkeypatch):
     """Nor does one that hangs, as after Ctrl-S: it is not waited for."""
     hangs = threading.Event()
     if error is None:
         monkeypatch.setattr("rans_robot.node._LAST_SENTENCES", 0.05)
 
-    def say(text: str) -> None:
+    def say(text):
         if error is not None:
             raise error
         hangs.wait(30.0)
@@ -285,14 +277,7 @@ def test_a_lost_terminal_does_not_end_a_flight(
     ],
 )
 @pytest.mark.parametrize("ends_by", ["time", "interrupt"])
-def test_a_flight_without_a_state_is_a_fault(
-    sends: tuple[str, ...],
-    words: tuple[str, ...],
-    ends_by: str,
-    quick: Path,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_flight_without_a_state_is_a_fault(sends, words, ends_by, quick, tmp_path, monkeypatch):
     """Its time is up, or it is stopped, long before it gives the robot up.
 
     2 ms pass whenever it looks at the clock: in 0.2 s it decides several times on any machine.
@@ -308,7 +293,7 @@ def test_a_flight_without_a_state_is_a_fault(
 
     bus = Deaf()
     bag = tmp_path / "flight.mcap"
-    said: list[str] = []
+    said = []
     report = fly_over(
         bus,
         plan(quick, wait=60.0),
@@ -327,7 +312,7 @@ def test_a_flight_without_a_state_is_a_fault(
     assert [unpack(TEXT, entry.data).data for entry in last] == [report.fault]
 
 
-def test_an_agent_that_fails_shuts_the_valves(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_agent_that_fails_shuts_the_valves(quick, monkeypatch):
     for at in range(3):
         monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _, at=at: Always(OPEN, at))
         bus = Robot()
@@ -338,14 +323,14 @@ def test_an_agent_that_fails_shuts_the_valves(quick: Path, monkeypatch: pytest.M
 
 
 @pytest.mark.parametrize("robot", ["ros", "px4"])
-def test_a_bus_that_fails_is_tried_again(robot: RobotName, quick: Path) -> None:
+def test_a_bus_that_fails_is_tried_again(robot, quick):
     """A message that is not taken ends the flight; of the last ones each is tried by itself."""
     for at in range(1, 14):
         bus = Robot(robot, fails_at=at)
         with contextlib.suppress(OSError):
             flight(bus, quick, None, 8, robot=robot)
         assert not bus.commands[-1].any()
-    said: list[str] = []
+    said = []
     with pytest.raises(OSError, match="Network is down"):
         flight(Robot(robot, fails_at=4, fails=1000), quick, None, 100, said.append, robot=robot)
     assert "the robot's watchdog must do it" in said[-1]
@@ -389,7 +374,7 @@ def _signals(*arguments: str, begin: str = "") -> dict[int, str]:
     return dict(eval(text))  # a list of our own
 
 
-def test_every_signal_that_ends_a_process_ends_a_flight() -> None:
+def test_every_signal_that_ends_a_process_ends_a_flight():
     """Against the system: of each signal what it does to a process that does not catch it."""
     without = _signals()
     caught = _signals("handled")
@@ -417,19 +402,19 @@ def announcement(node: str, topics: list[str]) -> bytes:
     return text_message(json.dumps({"agent": "another", "topics": topics, "node": node}))
 
 
-def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_second_node_refuses(quick, monkeypatch):
     """The first is heard of; a node of another robot is none of its business."""
     monkeypatch.setattr("rans_robot.node._ANNOUNCED", 0.1)
     done = threading.Event()
     first = Robot()
     second = Robot()
-    said: list[str] = []
-    reports: list[Report] = []
+    said = []
+    reports = []
 
     # Each hears what the other publishes, and itself.
     for one in (first, second):
 
-        def publish(topic: str, kind: str, data: bytes, one: Robot = one) -> None:
+        def publish(topic, kind, data, one=one):
             Robot.publish(one, topic, kind, data)
             if topic == AGENT_TOPIC:
                 for robot in (first, second):
@@ -483,22 +468,22 @@ def test_a_second_node_refuses(quick: Path, monkeypatch: pytest.MonkeyPatch) -> 
         text_message("x" * 100_000),
     ],
 )
-def test_strangers_do_not_keep_a_node_from_flying(data: bytes, quick: Path) -> None:
+def test_strangers_do_not_keep_a_node_from_flying(data, quick):
     bus = Robot()
     bus.publish = lambda *message: (Robot.publish(bus, *message), bus.hand_on(AGENT_TOPIC, data))  # type: ignore[method-assign,assign]
     flight(bus, quick, None)
     assert any(command.any() for command in bus.commands)
 
 
-def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
+def test_a_flood_is_bounded(quick, tmp_path):
     """10,000 messages before each decision, and large ones: neither memory nor the bag grow with them."""
     bag = tmp_path / "flight.mcap"
-    said: list[str] = []
+    said = []
     bus = Robot()
     pose = bus.ends.state(AWAY, time.time_ns())[-1].data
     large = text_message("x" * 60_000)
 
-    def publish(*message: Any) -> None:
+    def publish(*message):
         Robot.publish(bus, *message)
         if message[0] == "commands":
             for _ in range(10_000):
@@ -515,7 +500,7 @@ def test_a_flood_is_bounded(quick: Path, tmp_path: Path) -> None:
     assert not bus.commands[-1].any()
 
 
-def test_what_is_trusted_is_the_text_that_lies_there(tmp_path: Path) -> None:
+def test_what_is_trusted_is_the_text_that_lies_there(tmp_path):
     """A `__pycache__` beside it, which nobody reads, would be imported in its place."""
     file = tmp_path / "agent.py"
     file.write_text("value = 'evil'\n")

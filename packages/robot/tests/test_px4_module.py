@@ -45,7 +45,7 @@ Motors = Callable[[float, float, Motion, Motion], np.ndarray]
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("px4")
     form = typed("rans_robot.px4.export:write_px4")
     write_export(pretrained_folder("go-to-pose-2d"), folder, form, episodes=8)
@@ -53,7 +53,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def motors_of_stand_in(folder: Path) -> Motors:
+def motors_of_stand_in(folder) -> Motors:
     source = (folder / "agent.px4/rans_agent.cpp").read_text("utf-8")
     for name in re.findall("#include <(.+/.+)>", source):
         header = folder / "px4" / name
@@ -87,7 +87,7 @@ shutdown
 
 
 @pytest.fixture(scope="module")
-def motors_of_px4(folder: Path) -> Iterator[Motors]:
+def motors_of_px4(folder) -> Iterator[Motors]:
     """Of the module in a process of PX4, at the pace of its clock; a time of 0 begins anew."""
     tree = Path(os.environ["PX4_TREE"])
     modules = tree / "src/modules"
@@ -128,7 +128,7 @@ def motors_of_px4(folder: Path) -> Iterator[Motors]:
 
 
 @pytest.fixture(scope="module", params=["stand_in", pytest.param("px4", marks=IN_PX4)])
-def motors(request: pytest.FixtureRequest) -> Motors:
+def motors(request) -> Motors:
     """Twelve commands of the compiled module at a time, s, of an estimate of another time and a goal."""
     return request.getfixturevalue(f"motors_of_{request.param}")
 
@@ -143,7 +143,7 @@ def motion(one: dict[str, Any]) -> Motion:
     )
 
 
-def test_golden_pairs_through_messages(folder: Path, motors: Motors) -> None:
+def test_golden_pairs_through_messages(folder, motors):
     """Motors that are shut are NaN; old estimates stop all of them."""
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
     now = 0.0
@@ -157,13 +157,12 @@ def test_golden_pairs_through_messages(folder: Path, motors: Motors) -> None:
     assert np.isnan(motors(now + 0.3, now, *moving)).all()
 
 
-def test_it_flies_the_twin(motors: Motors) -> None:
+def test_it_flies_the_twin(motors):
     """By its estimates in PX4's frames; it stays at its goal."""
     craft = Craft(TwinPlan(load_spacecraft("floating-platform"), 0.2, start=(2.0, -1.0, 120.0)))
     goal = motion({"position": (0.0, 0.0), "attitude": 0.0, "velocity": (0.0, 0.0), "spin": 0.0})
     for k in range(150):
         measured = craft.measured()
-        assert measured is not None
         craft.hold(np.nan_to_num(motors(0.2 * k, 0.2 * k, measured, goal))[:8])
         for _ in range(20):
             craft.advance()
@@ -172,7 +171,7 @@ def test_it_flies_the_twin(motors: Motors) -> None:
 
 
 @pytest.mark.parametrize(("low", "high"), [(-0.0077, 1.0), (0.0, 1.2251)])
-def test_a_range_that_stops_or_saturates_a_motor_is_refused(low: float, high: float) -> None:
+def test_a_range_that_stops_or_saturates_a_motor_is_refused(low, high):
     """The numbers of PX4's issue 28417."""
     ranges = [{"name": "first", "low": low, "high": high}]
     with pytest.raises(ConfigError, match="first goes from"):

@@ -73,10 +73,10 @@ ANSWERS: Answers = {
 }
 
 
-def test_every_question_is_answered() -> None:
+def test_every_question_is_answered():
     check_complete(ANSWERS)
 
 
 @pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
-def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
+def test_a_file_that_means_something_else(reader, question, tmp_path):
     check_said(ANSWERS, reader, question, tmp_path)

@@ -1,24 +1,22 @@
 """The simulated robot: latency, noise, faults, and what it refuses."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
 import pytest
 from rans_robot.twin import Craft, TwinPlan
 
-from rans.deploy.contract import contract
-from rans.fast.learn.run_folder import RunFolder
-from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import pretrained_folder
-from rans.randomization.conditions import (
+from rans import (
     Conditions,
     FaultConditions,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
 )
+from rans.deploy.contract import contract
+from rans.fast.learn.run_folder import RunFolder
+from rans.model.spacecraft_file import load_spacecraft
+from rans.pretrained import pretrained_folder
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
@@ -27,7 +25,7 @@ pytest.importorskip("mcap")
 PLATFORM = "floating-platform"
 
 
-def test_a_twin_has_latency_noise_and_faults() -> None:
+def test_a_twin_has_latency_noise_and_faults():
     craft = load_spacecraft(PLATFORM)
     conditions = Conditions(
         thrusters=ThrusterConditions(latency=0.1),
@@ -56,7 +54,7 @@ def test_a_twin_has_latency_noise_and_faults() -> None:
     assert not np.allclose(twin.motion.velocity, coasting)  # one thruster is stuck open
 
 
-def test_impulses_are_as_noisy_as_in_an_episode() -> None:
+def test_impulses_are_as_noisy_as_in_an_episode():
     """A twin has four steps in a control period, over which the noise of single steps averages out."""
     noisy = Conditions(thrusters=ThrusterConditions(noise=0.05))
     twin = Craft(
@@ -74,7 +72,7 @@ def test_impulses_are_as_noisy_as_in_an_episode() -> None:
     assert impulses.std() / impulses.mean() == pytest.approx(0.05 / math.sqrt(2.0), rel=0.25)
 
 
-def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
+def test_duties_of_pulsed_thrusters_fall_into_steps():
     """37 % of a period of 0.1 s at steps of 10 ms: three whole ones, then seven tenths."""
     twin = Craft(TwinPlan(load_spacecraft("atmos"), 0.1))
     twin.hold(np.array([0.37, 0, 0, 0, 0, 0, 0, 0]))
@@ -82,7 +80,7 @@ def test_duties_of_pulsed_thrusters_fall_into_steps() -> None:
     assert given == pytest.approx([1, 1, 1, 0.7, 0, 0, 0, 0, 0, 0])
 
 
-def test_a_contract_tells_which_way_a_wheel_turns_the_craft() -> None:
+def test_a_contract_tells_which_way_a_wheel_turns_the_craft():
     """Its sentence, beside the motion of the craft over one period of the command 1."""
     config = RunFolder(pretrained_folder("go-to-pose-2d")).config()
     craft = load_spacecraft("pingu")

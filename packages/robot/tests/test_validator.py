@@ -33,7 +33,7 @@ from rans_robot.pilot import (
 from rans_robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 from rans_robot.validator import Reading, Validator
 
-from rans.tasks import GoToPose
+from rans import GoToPose
 from tests.support.robots import AWAY, Always, Wire, plan
 
 ROBOTS: tuple[RobotName, ...] = get_args(RobotName)
@@ -191,7 +191,7 @@ for robot in ROBOTS:
 
 
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_valves_are_shut_and_the_cause_is_said(name: str, agent: Path) -> None:
+def test_valves_are_shut_and_the_cause_is_said(name, agent):
     flight = FLIGHTS[name]
     one = pilot(agent, flight.robot, **flight.changes)
     decisions = fly(one, flight.sender, flight.periods)
@@ -213,9 +213,7 @@ def test_valves_are_shut_and_the_cause_is_said(name: str, agent: Path) -> None:
         *((x, 1000) for x in (-3600.0, -1.5, -0.9, -0.4, 0.4, 0.9, 1.5, 3600.0)),
     ],
 )
-def test_velocities_know_a_stray_stamp_and_a_clock_that_was_set(
-    ahead: float, messages: int, agent: Path
-) -> None:
+def test_velocities_know_a_stray_stamp_and_a_clock_that_was_set(ahead, messages, agent):
     """States of a body at 0.5 m/s, 50 a second: the filter sees no stray one; a clock begins anew."""
     one = pilot(agent, "pose")
     notes = []
@@ -242,8 +240,8 @@ def test_velocities_know_a_stray_stamp_and_a_clock_that_was_set(
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 @pytest.mark.parametrize("messages", [1, 1000])
 def test_neither_a_stray_stamp_nor_a_clock_that_is_set_ends_a_flight(
-    messages: int, sign: float, size: float, rate: int, robot: RobotName, agent: Path
-) -> None:
+    messages, sign, size, rate, robot, agent
+):
     """Whatever the step: valves are shut at most until three messages agree, and then the flight goes on."""
     one = pilot(agent, robot)
     spacing = SECOND // rate
@@ -262,7 +260,7 @@ def test_neither_a_stray_stamp_nor_a_clock_that_is_set_ends_a_flight(
     assert any(shut) == (rate == 5)
 
 
-def test_states_that_waited_and_overtook_one_another_are_no_clock() -> None:
+def test_states_that_waited_and_overtook_one_another_are_no_clock():
     """The newest of 50 comes first, and the others, up to a second old, at once after it."""
     judge = validator()
     for k in range(50):
@@ -282,7 +280,7 @@ def validator() -> Validator:
 @pytest.mark.parametrize(
     ("drift", "flown"), [(1e-4, True), (-1e-4, True), (5e-4, True), (0.05, False)]
 )
-def test_clocks_may_drift_as_quartz_does(drift: float, flown: bool) -> None:
+def test_clocks_may_drift_as_quartz_does(drift, flown):
     """An hour of a clock that is slow or fast, and one whose messages come later and later."""
     judge = validator()
     refused = 0
@@ -303,7 +301,7 @@ def test_clocks_may_drift_as_quartz_does(drift: float, flown: bool) -> None:
     delays=st.lists(st.floats(0.0, 0.15), min_size=2, max_size=30),
     offset=st.floats(-1e9, 1e9),
 )
-def test_any_delay_below_the_oldest_is_flown(delays: list[float], offset: float) -> None:
+def test_any_delay_below_the_oldest_is_flown(delays, offset):
     """Whatever the sender's clock says: an age is not below zero, nor above the true one by more than drift."""
     judge = validator()
     begin = round((2e9 + offset) * SECOND)
@@ -359,7 +357,7 @@ def about_velocity(name: str) -> bool:
         if Interface(robot, 8, 8).has_velocity or not about_velocity(bad)
     ],
 )
-def test_what_is_refused_changes_nothing(robot: RobotName, bad: str, agent: Path) -> None:
+def test_what_is_refused_changes_nothing(robot, bad, agent):
     """As the first message or later, a flight with it goes as one without it; the note has topic and value."""
     with_it = pilot(agent, robot)
     without = pilot(agent, robot)
@@ -385,7 +383,7 @@ def test_what_is_refused_changes_nothing(robot: RobotName, bad: str, agent: Path
     assert opened(decisions) == [True, True]
 
 
-def test_space_has_no_up() -> None:
+def test_space_has_no_up():
     """What a planar craft cannot be, a craft in space can."""
     space = Validator(planar=False, oldest=0.2)
     for name in ("upside down", "on its side", "high above"):
@@ -418,9 +416,7 @@ def odometry(attitude: np.ndarray, velocity: Any, spin: Any, frame: str, child: 
         *(("odom", "", None), ("map", "odom", None), ("world", "uav1/map", None)),
     ],
 )
-def test_a_twist_is_in_the_frame_of_the_child(
-    frame: str, child: str, is_world: bool | None
-) -> None:
+def test_a_twist_is_in_the_frame_of_the_child(frame, child, is_world):
     """A body that faces +y, by hand: forward is +y, and what turns it about +x of the world is about its -y."""
     ends = Interface("odometry", 8, 8)
     data = odometry(quaternion_of(np.pi / 2), (1, 0, 0), (0.1, 0, 0.3), frame, child)
@@ -437,12 +433,12 @@ def test_a_twist_is_in_the_frame_of_the_child(
 
 
 @pytest.mark.parametrize("name", [name for name in BAD_MOTIONS if not about_velocity(name)])
-def test_a_goal_that_is_none_is_refused(name: str, agent: Path) -> None:
+def test_a_goal_that_is_none_is_refused(name, agent):
     one = pilot(agent, goal=(0.5, 0.5, 20.0))
     before = one._goal
     motion = BAD_MOTIONS[name]
 
-    def goal(now: int, motion: Motion) -> Message:
+    def goal(now, motion):
         (message,) = Interface("pose", 8, 8).state(motion, now)
         return GOAL_TOPIC, message.data
 
@@ -480,7 +476,7 @@ def crafts() -> list[str]:
 
 
 @pytest.mark.parametrize("text", crafts(), ids=range(len(crafts())))
-def test_a_text_that_describes_no_spacecraft(text: str, agent: Path) -> None:
+def test_a_text_that_describes_no_spacecraft(text, agent):
     """It is said, and the flight goes on: everybody can send it."""
     one = pilot(agent)
     craft = [(CRAFT_TOPIC, text_message(text))]
@@ -492,7 +488,7 @@ def test_a_text_that_describes_no_spacecraft(text: str, agent: Path) -> None:
     assert len(decisions[1].note) < 500
 
 
-def test_a_stranger_s_name_is_one_printable_line(agent: Path) -> None:
+def test_a_stranger_s_name_is_one_printable_line(agent):
     """In what a terminal, a bag and another node are told."""
     one = pilot(agent)
     hostile = "\x1b[2Jx\nrans/note: all is well\u202e" * 20
@@ -509,12 +505,12 @@ def test_a_stranger_s_name_is_one_printable_line(agent: Path) -> None:
 
 @pytest.mark.parametrize("robot", ROBOTS)
 @pytest.mark.parametrize("value", [2, -1, NAN])
-def test_a_command_that_is_none_is_refused(robot: RobotName, value: float) -> None:
+def test_a_command_that_is_none_is_refused(robot, value):
     """NaN shuts a motor of PX4, and whole numbers have none."""
     ends = Interface(robot, 8, 8)
     *_, message = ends.command([0.0] * 8, NOW)
 
-    def changed(row: np.ndarray) -> bytes:
+    def changed(row):
         return pack(message.kind, {field: row})
 
     field = "control" if robot == "px4" else "data"
@@ -532,7 +528,7 @@ def test_a_command_that_is_none_is_refused(robot: RobotName, value: float) -> No
 @pytest.mark.parametrize(
     "given", [[NAN] * 8, [2.0] * 8, [-1.0] * 8, [1.0] * 7, [], 1.0, [[1.0] * 8]]
 )
-def test_an_agent_that_gives_no_command_shuts_the_valves(given: Any, agent: Path) -> None:
+def test_an_agent_that_gives_no_command_shuts_the_valves(given, agent):
     one = pilot(agent)
     one.agent = Always(given)
     decisions = fly(one, lambda one, k, now: states(one, AWAY, now), 4)
@@ -555,9 +551,7 @@ class _Clock:
     time_ns = monotonic_ns
 
 
-def test_a_twin_says_what_it_refuses_and_its_watchdog_shuts(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_twin_says_what_it_refuses_and_its_watchdog_shuts(monkeypatch):
     """Commands that are none neither open valves nor keep them open."""
     from rans.model.spacecraft_file import load_spacecraft
 
@@ -568,7 +562,7 @@ def test_a_twin_says_what_it_refuses_and_its_watchdog_shuts(
                 row = np.ones(8) if self.count("pose") == 3 else np.full(8, NAN)
                 self.hand_on("commands", pack(FLOATS, {"data": row}))
 
-    said: list[str] = []
+    said = []
     wire = Commander()
     about = TwinPlan(load_spacecraft("floating-platform"), 0.05, rate=50.0, seconds=0.6)
     monkeypatch.setattr("rans_robot.twin.time", _Clock())

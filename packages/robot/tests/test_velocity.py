@@ -1,7 +1,5 @@
 """Velocities from poses alone."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rans_robot.frames import quaternion_of
@@ -11,7 +9,7 @@ pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
 
-def test_velocities_from_poses_settle_on_the_truth() -> None:
+def test_velocities_from_poses_settle_on_the_truth():
     """A body that moves steadily and turns, measured with noise at irregular times."""
     random = np.random.default_rng(0)
     velocity = np.array([0.2, -0.1, 0.0])
@@ -32,7 +30,7 @@ def test_velocities_from_poses_settle_on_the_truth() -> None:
     assert motion.spin[2] == pytest.approx(0.5, abs=0.1)
 
 
-def test_velocities_follow_a_push() -> None:
+def test_velocities_follow_a_push():
     """Within a fifth of a second of a thruster's opening, exactly measured."""
     filtered = VelocityFilter((0.2, 1.0), (0.001, 0.002))
     motion = None

@@ -14,19 +14,16 @@ from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLea
 from rans_value.problem import parted
 from torch import Tensor
 
-from rans.errors import ConfigError
+from rans import TASKS, ConfigError, Engine, GoToPosePriced, Timing
 from rans.evaluation.compare.entrants import contest_of, enlist
-from rans.fast.engine import Engine
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import TrainConfig, training, training_of_quality
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
-from rans.tasks import TASKS, GoToPosePriced
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore
 
@@ -63,9 +60,7 @@ PORT = TASKS["dock-port"](
     ("spacecraft", "task", "sides"),
     [("floating-platform", TASK, 8), ("free-flyer", TASK, 16), ("floating-platform", PORT, 2)],
 )
-def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(
-    spacecraft: str, task: Any, sides: int
-) -> None:
+def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(spacecraft, task, sides):
     made = learner(load_spacecraft(spacecraft), task)
     problem = made.problem
     assert len(problem.turn) == sides
@@ -98,7 +93,7 @@ def difference(one: Tensor, other: Tensor) -> float:
     return float((one - other).abs().max())
 
 
-def test_in_space_the_first_values_are_costs_of_flights_by_any_craft() -> None:
+def test_in_space_the_first_values_are_costs_of_flights_by_any_craft():
     made = learner(load_spacecraft("free-flyer"))
     states, costs = made._by_any_craft()
     # A flight ends at rest at the goal, and what is left costs less the nearer that is.
@@ -106,7 +101,7 @@ def test_in_space_the_first_values_are_costs_of_flights_by_any_craft() -> None:
     assert float(costs.max()) > 5.0
 
 
-def test_most_spins_near_the_goal_are_those_that_pulses_bring_to_rest() -> None:
+def test_most_spins_near_the_goal_are_those_that_pulses_bring_to_rest():
     problem = learner(load_spacecraft("free-flyer")).problem
     near = problem.near(torch.rand(problem.numbers, 512), torch.zeros(problem.rows, 512))
     x, y, z = parted(near)[3] / torch.tensor(problem.spin_steps)[:, None]
@@ -115,7 +110,7 @@ def test_most_spins_near_the_goal_are_those_that_pulses_bring_to_rest() -> None:
     assert ((pulses - pulses.round()).abs() < 1e-3).all(dim=0).float().mean() > 0.85
 
 
-def test_commands_cost_at_most_what_they_promise() -> None:
+def test_commands_cost_at_most_what_they_promise():
     made = learner()
     greedy = made.greedy
     state = made._ends[:, :64]
@@ -123,7 +118,7 @@ def test_commands_cost_at_most_what_they_promise() -> None:
     single = greedy._costs(state, torch.eye(8)[:, None]).amin(dim=0)
     assert (greedy._costs(state, command[None])[0] <= single + 1e-5).all()  # rounding
 
-    def of_two(first: Tensor) -> Tensor:
+    def of_two(first):
         after, cost, discount = made.problem.step(state, first)
         return cost + discount * greedy._costs(after, greedy.command(after)[None])[0]
 
@@ -132,7 +127,7 @@ def test_commands_cost_at_most_what_they_promise() -> None:
     assert (of_two(ahead) <= of_two(command) + 1e-5).all()
 
 
-def test_pulsed_thrusters_are_opened_in_part_where_that_costs_less() -> None:
+def test_pulsed_thrusters_are_opened_in_part_where_that_costs_less():
     greedy = learner(load_spacecraft("atmos")).greedy
     state = torch.rand(greedy.problem.rows, 64, generator=torch.Generator().manual_seed(1))
     patterns, costs = greedy._best(state, 1)
@@ -141,7 +136,7 @@ def test_pulsed_thrusters_are_opened_in_part_where_that_costs_less() -> None:
     assert (costs[partly] < whole[partly]).any()
 
 
-def test_labels_are_costs_above_the_best_of_two_periods() -> None:
+def test_labels_are_costs_above_the_best_of_two_periods():
     made = learner()
     state = made._ends[:, :64]
     patterns, regret = made.greedy.label(state)
@@ -153,7 +148,7 @@ def test_labels_are_costs_above_the_best_of_two_periods() -> None:
     assert (regret > 0.01).float().mean() > 0.5
 
 
-def test_the_weights_that_ship_hold_a_finer_tolerance() -> None:
+def test_the_weights_that_ship_hold_a_finer_tolerance():
     task = GoToPosePriced(trade_off=(1.0, 1.0), position_tolerance=0.02)
     controller = Newest(PLATFORM, task, Timing())
     flight = fly(PLATFORM, task, controller, scenarios(task, PLATFORM, 0, 4), Timing())
@@ -161,13 +156,13 @@ def test_the_weights_that_ship_hold_a_finer_tolerance() -> None:
 
 
 @pytest.mark.slow
-def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
+def test_training_makes_flights_cheaper_and_they_stay_at_the_goal():
     made = learner()
     start = made.states()
     start[6] = 0.3
 
     @torch.no_grad()
-    def flown() -> tuple[float, float]:
+    def flown():
         """Mean cost of flights of 20 s, and the part of the periods of the last fifth within the tolerances."""
         state, total, held = start, torch.zeros(64), torch.zeros(64)
         for period in range(100):
@@ -186,9 +181,7 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal() -> None:
     assert held > 0.8
 
 
-def test_a_training_leaves_its_policy_and_its_value_function(
-    tmp_path: Path, monkeypatch: Any
-) -> None:
+def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypatch):
     config = TrainConfig(
         "go-to-pose-priced",
         replace(TASK, trade_off=(0.3, 0.3)),
@@ -233,7 +226,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(
         GreedyController(run.path)
 
 
-def test_other_craft_and_conditions_are_refused() -> None:
+def test_other_craft_and_conditions_are_refused():
     with pytest.raises(ConfigError, match="no such craft"):
         learner(load_spacecraft("cubesat-3u"))
     tank = replace(cast("Any", load_spacecraft("mars-lander-steered").propellant), mass=1.0)
@@ -251,7 +244,7 @@ def test_other_craft_and_conditions_are_refused() -> None:
         Value.making(noisy, PLATFORM, SMALL)
 
 
-def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly() -> None:
+def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly():
     for spacecraft, device, algorithm in (
         ("atmos", "cuda", "value"),
         ("atmos", "cpu", "ppo"),

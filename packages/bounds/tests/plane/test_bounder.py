@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from types import SimpleNamespace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -20,15 +19,14 @@ from rans_bounds.flight import fuel, state_after
 from rans_bounds.goal_set import GoalSet
 from rans_bounds.plane import bounder
 from rans_bounds.plane.bounder import PlanarBounder
-from rans_bounds.plane.dual import Relaxation
 from rans_bounds.plane.lattice import Lattice
 from rans_bounds.problem import Problem, SearchEffort
 
+from rans import GoToPose
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims
 from tests.support.states import planar
 from tests.support.tiny_lattice import (
@@ -45,7 +43,7 @@ from tests.support.tiny_lattice import (
 
 
 @pytest.mark.parametrize(("seed", "name"), [*enumerate(CRAFTS)])
-def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
+def test_least_fuel_against_brute_force(name, seed):
     craft, steps = CRAFTS[name]
     start, goal, flown = instance(craft, steps, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
@@ -64,7 +62,7 @@ def test_least_fuel_against_brute_force(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("name", ["through", "doubled", "centred", "lopsided"])
 @pytest.mark.parametrize("seed", range(2))
-def test_least_time_against_brute_force(name: str, seed: int) -> None:
+def test_least_time_against_brute_force(name, seed):
     craft, most = CRAFTS[name]
     start, goal, _ = instance(craft, most, seed)
     names = ("position", "velocity", "heading", "spin")
@@ -81,9 +79,7 @@ def test_least_time_against_brute_force(name: str, seed: int) -> None:
 
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("dead", "stuck"), [((2,), (0,)), ((), (0, 3))])
-def test_least_time_of_failed_thrusters(
-    dead: tuple[int, ...], stuck: tuple[int, ...], seed: int
-) -> None:
+def test_least_time_of_failed_thrusters(dead, stuck, seed):
     """Of all sequences those are looked at in which who is dead never fires and who is stuck always does."""
     craft = lopsided()
     names = ("position", "velocity", "heading", "spin")
@@ -110,7 +106,7 @@ def test_least_time_of_failed_thrusters(
 
 
 @pytest.mark.parametrize("seed", range(2))
-def test_without_patience_bounds_hold(seed: int) -> None:
+def test_without_patience_bounds_hold(seed):
     """What is left open counts as not excluded."""
     start, goal, flown = instance(PLATFORM, 2, seed)
     reached = flown.arrived(goal, SNUG, ("position", "velocity", "heading", "spin"))
@@ -126,7 +122,7 @@ def test_without_patience_bounds_hold(seed: int) -> None:
 
 @settings(max_examples=8)
 @given(seed=st.integers(0, 2**20))
-def test_starts_that_move_and_spin(seed: int) -> None:
+def test_starts_that_move_and_spin(seed):
     """Any position, velocity and spin: of two spins that differ by q one is within q / 2 of rest."""
     x, y, angle, u, v, w = np.random.default_rng(seed).uniform(-1.0, 1.0, 6)
     start = PlanarState(
@@ -150,7 +146,7 @@ def test_starts_that_move_and_spin(seed: int) -> None:
     assert loose <= answer.lower <= answer.upper
 
 
-def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_cannot_be_split_is_not_excluded(monkeypatch):
     """One attitude left, no commands found for it and nothing to branch on: the level stays open."""
     monkeypatch.setattr("rans_bounds.plane.bounder._parts", lambda *_: [])
     monkeypatch.setattr("rans_bounds.plane.bounder._commands", lambda *_: None)
@@ -175,15 +171,13 @@ def test_what_cannot_be_split_is_not_excluded(monkeypatch: pytest.MonkeyPatch) -
         ("???c", (0.2, math.inf)),
     ],
 )
-def test_the_bound_of_time_is_the_first_that_was_not_excluded(
-    ends: str, bounds: tuple[float, float], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_bound_of_time_is_the_first_that_was_not_excluded(ends, bounds, monkeypatch):
     """By periods of 0.2 s: excluded (x), left open (?) or reached by commands (c); three open end it.
 
     The start is 0.1 mm outside the goal set, so that the hull's bound excludes no period.
     """
 
-    def decide(relaxation: Relaxation, *_: object) -> Any:
+    def decide(relaxation, *_):
         end = ends[min(relaxation.steps, len(ends)) - 1]
         fired = np.ones((relaxation.steps, 4))
         return bounder._Outcome(

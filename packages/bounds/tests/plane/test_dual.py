@@ -35,7 +35,7 @@ def tiny(name: str, seed: int) -> tuple[Relaxation, PlanarState, Flown]:
 @pytest.mark.parametrize("name", CRAFTS)
 @settings(max_examples=25)
 @given(seed=st.integers(0, 3), costate=multipliers)
-def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[float]) -> None:
+def test_inner_minimum_equals_brute_force(name, seed, costate):
     relaxation, goal, flown = tiny(name, seed)
     turned = flown.arrived(goal, SNUG, ("heading", "spin"))
     final = map_leaves(lambda x: x[turned], flown.final)
@@ -52,7 +52,7 @@ def test_inner_minimum_equals_brute_force(name: str, seed: int, costate: list[fl
 
 
 @pytest.mark.filterwarnings("ignore:overflow encountered")
-def test_overflow_is_no_proof() -> None:
+def test_overflow_is_no_proof():
     """Infinite costs once meant that no path is left; with such numbers they may be sums too large."""
     rest = planar()
     relaxation = Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
@@ -66,7 +66,7 @@ def test_overflow_is_no_proof() -> None:
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(seed=st.integers(0, 2**20), duty=st.floats(0.0, 0.4), costate=multipliers)
-def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float]) -> None:
+def test_no_flight_beats_any_costate(seed, duty, costate):
     """A random flight, whose end is the goal, costs at least the bound and stays in what is searched."""
     random = np.random.default_rng(seed)
     lattice = Lattice(PLATFORM, PERIOD)
@@ -93,7 +93,7 @@ def test_no_flight_beats_any_costate(seed: int, duty: float, costate: list[float
     assert relaxation.inside(path, relaxation.shrunk(best.costate, everything, paid))
 
 
-def test_gradient_is_that_of_the_bound() -> None:
+def test_gradient_is_that_of_the_bound():
     relaxation, _, _ = tiny("floating-platform", 1)
     everything = relaxation.reachable()
     costate = np.array([3.0, -2.0, 1.0, 5.0])

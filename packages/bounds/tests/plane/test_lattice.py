@@ -1,7 +1,5 @@
 """The lattice is the motion: indices, quanta and responses against the equations every engine shares."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -17,11 +15,10 @@ from rans_bounds.goal_set import GoalSet, pulse
 from rans_bounds.plane.dual import Relaxation
 from rans_bounds.plane.lattice import Lattice
 
-from rans.errors import ConfigError
-from rans.model.actuators import Actuators, Pulsed, Throttle
+from rans import ConfigError, Thruster
+from rans.model.actuators import Pulsed, Throttle
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Thruster
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.states import planar
 from tests.support.tiny_lattice import PERIOD, lopsided, through
@@ -30,7 +27,7 @@ PLATFORM = load_spacecraft("floating-platform")
 numbers = st.floats(-2.0, 2.0, allow_subnormal=False)
 
 
-def test_unequal_thrusters() -> None:
+def test_unequal_thrusters():
     lattice = Lattice(lopsided(), PERIOD)
     assert list(lattice.multiples) == [1, -1, 2, -1, 0]
     assert lattice.torque == pytest.approx(0.3)
@@ -38,7 +35,7 @@ def test_unequal_thrusters() -> None:
     assert lattice.next_fuel(0.01, {1}) == 0.01
 
 
-def test_a_quantum_that_no_thruster_has() -> None:
+def test_a_quantum_that_no_thruster_has():
     """Torques of 0.2, -0.3 and 0.5 N m are 2, -3 and 5 times 0.1."""
     arms = (0.2, -0.3, 0.5)
     nozzles = tuple(
@@ -58,7 +55,7 @@ def test_a_quantum_that_no_thruster_has() -> None:
 @given(
     choices=st.lists(st.integers(0, 2**30), min_size=6, max_size=6), start=st.tuples(*[numbers] * 6)
 )
-def test_effects_are_the_motion(choices: list[int], start: tuple[float, ...]) -> None:
+def test_effects_are_the_motion(choices, start):
     craft = lopsided()
     lattice = Lattice(craft, PERIOD)
     path = np.array(choices) % len(lattice.patterns.torque)
@@ -86,12 +83,12 @@ def test_effects_are_the_motion(choices: list[int], start: tuple[float, ...]) ->
         (0.41, {0, 2}, 0.8),
     ],
 )
-def test_fuel_comes_in_pulses(fuel: float, net: set[int], expected: float) -> None:
+def test_fuel_comes_in_pulses(fuel, net, expected):
     assert Lattice(PLATFORM, 0.2).next_fuel(fuel, net) == pytest.approx(expected)
 
 
 @pytest.mark.parametrize("actuators", [Pulsed(20), Throttle()], ids=str)
-def test_who_may_open_for_a_part_of_a_period_has_no_lattice(actuators: Actuators) -> None:
+def test_who_may_open_for_a_part_of_a_period_has_no_lattice(actuators):
     """Half a pulse would be off it: neither a certificate nor rounding up to whole pulses holds for him."""
     craft = dataclasses.replace(PLATFORM, actuators=actuators)
     with pytest.raises(ConfigError, match=f"does not cover its {actuators.kind} actuators"):
@@ -102,7 +99,7 @@ def test_who_may_open_for_a_part_of_a_period_has_no_lattice(actuators: Actuators
 
 @pytest.mark.parametrize("turn", [0.0, 0.4, 1.0])
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 1e4])
-def test_nozzles_along_lines_through_the_centre_have_one_spin(turn: float, scale: float) -> None:
+def test_nozzles_along_lines_through_the_centre_have_one_spin(turn, scale):
     """Their torques of rounding, 1e-17 N m for 1 N, would be quanta of which others are 1e16 multiples."""
     centre = (0.1, 0.2, 0.0)
     slanted = [
@@ -119,7 +116,7 @@ def test_nozzles_along_lines_through_the_centre_have_one_spin(turn: float, scale
         lattice.net_spins(GoalSet(spin=0.1), dataclasses.replace(rest, w=0.11), rest)
 
 
-def test_spin_off_the_lattice() -> None:
+def test_spin_off_the_lattice():
     lattice = Lattice(PLATFORM, PERIOD)
     rest = planar()
     spinning = dataclasses.replace(rest, w=2.4 * lattice.spin)
@@ -129,7 +126,7 @@ def test_spin_off_the_lattice() -> None:
     assert lattice.net_spins(GoalSet(spin=0.2), spinning, rest) == {-2, -3}
 
 
-def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_numba_is_a_sentence(monkeypatch):
     monkeypatch.setitem(sys.modules, "numba", None)
     for name in ("compiled", "plane.lattice_kernel"):
         monkeypatch.delitem(sys.modules, f"rans_bounds.{name}", raising=False)
@@ -139,7 +136,7 @@ def test_missing_numba_is_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
         Relaxation(Lattice(PLATFORM, PERIOD), rest, rest, GoalSet(), 3, None)
 
 
-def test_in_whole_pulses_the_next_fuel_is_one_that_exists() -> None:
+def test_in_whole_pulses_the_next_fuel_is_one_that_exists():
     """Two of the nozzles turn nothing: any number of pulses ends with any spin there is."""
     lattice = Lattice(through(), PERIOD)
     fuels = set()

@@ -18,7 +18,7 @@ NAMES = ("position", "velocity", "heading", "spin")
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
+def test_nozzles_are_found_whenever_a_flight_exists(seed):
     """For the attitude of a flight that arrives with room to spare the solver finds as cheap a one."""
     craft = lopsided()
     steps = 3
@@ -36,7 +36,7 @@ def test_nozzles_are_found_whenever_a_flight_exists(seed: int) -> None:
     assert SNUG.contains(state_after(craft, start, commands, PERIOD), goal)
 
 
-def test_no_nozzles_where_none_exist() -> None:
+def test_no_nozzles_where_none_exist():
     """Below the least fuel of all flights there is nothing to find."""
     craft = lopsided()
     steps = 3
@@ -50,7 +50,7 @@ def test_no_nozzles_where_none_exist() -> None:
     assert nozzles(relaxation, path, bound, float(flown.fuel[best]) - 0.01, 5.0) is None
 
 
-def test_a_path_is_flown_at_its_price_and_not_below() -> None:
+def test_a_path_is_flown_at_its_price_and_not_below():
     craft = lopsided()
     steps = 3
     start, goal, arrived = instance(craft, steps, 1)

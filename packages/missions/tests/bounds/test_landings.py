@@ -10,13 +10,12 @@ from rans_missions.bounds.first_starts import bounded, mission_bounds
 from rans_missions.bounds.mission_bounds import MissionBounds
 from rans_missions.tasks.land import Land
 
+from rans import BodyConditions, Conditions, FaultConditions, GoToPose
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.measure.metrics import propellant_used
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import BodyConditions, Conditions, FaultConditions
-from rans.tasks import GoToPose
 
 CRAFT = load_spacecraft("mars-lander-steered")
 TASK = Land()
@@ -30,7 +29,7 @@ def bounds() -> MissionBounds:
 
 
 @pytest.mark.slow
-def test_the_agent_is_near_its_bound_and_not_below(bounds: MissionBounds) -> None:
+def test_the_agent_is_near_its_bound_and_not_below(bounds):
     agent = contestant("pretrained:land-3d").controller
     entry = Entry(Contestant("agent", agent, "state", "none"), CONTEST.fly(agent, workers=1))
     over = bounds.over(entry)
@@ -47,7 +46,7 @@ def test_the_agent_is_near_its_bound_and_not_below(bounds: MissionBounds) -> Non
 
 
 @pytest.mark.slow
-def test_a_dead_engine_takes_more() -> None:
+def test_a_dead_engine_takes_more():
     """On a short way."""
     short = 300.0, 300.0
     task = Land(start_altitude=short, start_distance=short, start_descent=(30.0, 30.0))
@@ -58,7 +57,7 @@ def test_a_dead_engine_takes_more() -> None:
     assert without.lower[0] > 1.05 * whole.lower[0] > 0.0
 
 
-def test_landings_have_bounds_where_nothing_is_drawn() -> None:
+def test_landings_have_bounds_where_nothing_is_drawn():
     assert bounded(CONTEST)
     assert not bounded(replace(CONTEST, conditions=Conditions()))
     dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -40,7 +40,7 @@ class Docking:
 
 
 @pytest.mark.parametrize(("rate", "episode"), [(0.0, 0), (15.0, 2)])
-def test_no_change_of_velocity_docks_below_the_bound(rate: float, episode: int) -> None:
+def test_no_change_of_velocity_docks_below_the_bound(rate, episode):
     """From the start to a point of the cone's mouth at any instant, and from there to the port as it is later.
 
     The cheapest of many such flights is above the bound, and not far above it if the port is slow.
@@ -61,7 +61,7 @@ def test_no_change_of_velocity_docks_below_the_bound(rate: float, episode: int) 
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_spans_contain_the_mouth_and_the_port(dimension: Literal[2, 3]) -> None:
+def test_spans_contain_the_mouth_and_the_port(dimension):
     """Random points of the mouth, or up to 2.5 cm behind it, and near the docked position, at any instant.
 
     Port and cone are those of the task at that instant. In the plane none of the three margins is generous.

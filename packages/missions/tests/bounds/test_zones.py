@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,9 +14,9 @@ from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 from scipy.optimize import minimize
 
+from rans import Timing
 from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenario
 from rans.tasks.shapes import Ball
 
@@ -30,12 +30,12 @@ def _columns(vector: Any) -> np.ndarray:
     return np.array([float(x) for x in vector.columns()])
 
 
-def test_who_stays_has_braked() -> None:
+def test_who_stays_has_braked():
     """At 20.2 and at 25 s within 5 cm of the goal, d away at first: 2 d / 20.2 s, less what both balls spare.
 
     With q = 1 at first and -1 at 20.2 s the multipliers are 29.8 / (4.8 * 20.2) and -1 / 4.8 per second.
     """
-    one: Any = scenario(TASK, 2, 2023, 0)
+    one = scenario(TASK, 2, 2023, 0)
     one = replace(one, goal=replace(one.goal, notes=Zones(())))
     away = float((one.goal.p - one.start.p).norm())
     by_hand = 2.0 * away / BRAKED - 0.05 * (29.8 / (4.8 * BRAKED) + 1.0 / 4.8)
@@ -51,7 +51,7 @@ def _among(*zones: tuple[float, float, float, float]) -> Any:
     return replace(one, start=start, goal=replace(one.goal, p=Vec2(0.0, 0.0), notes=notes))
 
 
-def test_two_zones_are_passed_on_the_cheapest_sides_and_instants() -> None:
+def test_two_zones_are_passed_on_the_cheapest_sides_and_instants():
     """Every pair of sides, at the instants that a search finds: the bound is just below the cheapest."""
     zones = ((2.6, 0.25, -0.03, 0.4), (1.2, -0.2, 0.03, 0.5))
     one = _among(*zones)
@@ -59,7 +59,7 @@ def test_two_zones_are_passed_on_the_cheapest_sides_and_instants() -> None:
     ends = [waypoints.Waypoint(t, t, np.zeros(2), 0.05) for t in (BRAKED, LAST)]
     x = np.array([1.0, 0.0])
 
-    def spent(instants: np.ndarray, sides: tuple[float, ...]) -> float:
+    def spent(instants, sides):
         way = [
             waypoints.Waypoint(
                 t, t, np.array([px, py + v * t + s * r]), 9.0, np.array([0.0, s]), 0.0, x
@@ -77,7 +77,7 @@ def test_two_zones_are_passed_on_the_cheapest_sides_and_instants() -> None:
     assert bound > 1.1 * least_to_stay(craft, TASK, _among(), TIMING)
 
 
-def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
+def test_zones_that_are_not_in_the_way_cost_nothing():
     """Zones beside the way, behind the start, and one that moves along the way, which the bound leaves out."""
     free = least_to_stay(CRAFT[2], TASK, _among(), TIMING)
     for zone in ((2.0, 1.0, 0.0, 0.5), (5.0, 0.0, 0.0, 0.5), (-1.0, 0.0, 0.0, 0.5)):
@@ -90,7 +90,7 @@ def test_zones_that_are_not_in_the_way_cost_nothing() -> None:
 
 
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_every_split_keeps_every_flight(dimension: Literal[2, 3]) -> None:
+def test_every_split_keeps_every_flight(dimension):
     """Points at zones or farther out, as the zones are at instants in order, through random splits.
 
     One part of every split has their instants and directions, and its waypoints have the points. In the plane they
@@ -98,7 +98,7 @@ def test_every_split_keeps_every_flight(dimension: Literal[2, 3]) -> None:
     """
     random = np.random.default_rng(dimension)
     for episode in range(20):
-        one: Any = scenario(TASK, dimension, 7, episode)
+        one = scenario(TASK, dimension, 7, episode)
         ahead = _columns(one.goal.p) - _columns(one.start.p)
         ahead /= np.linalg.norm(ahead)
         zones = sorted(one.goal.notes.zones, key=lambda zone: float(_columns(zone.centre) @ ahead))
@@ -112,7 +112,7 @@ def test_every_split_keeps_every_flight(dimension: Literal[2, 3]) -> None:
             outwards.append(aside / np.linalg.norm(aside))
             away = float(zone.radius) * random.choice([1.0, 1.0, 1.3])
             points.append(_columns(zone.centre) + t * _columns(zone.v) + away * outwards[-1])
-        branch: Any = (None,) * len(zones)
+        branch = (None,) * len(zones)
         tightest = np.inf
         while splits := list(search.splits(branch)):
             kept = []

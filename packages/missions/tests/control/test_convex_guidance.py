@@ -19,7 +19,7 @@ DEPUTY = load_spacecraft("afrl-deputy")
 
 
 @pytest.mark.slow
-def test_it_docks_below_the_speed_limit_near_the_bound() -> None:
+def test_it_docks_below_the_speed_limit_near_the_bound():
     task = Dock(deadline=(700.0, 700.0))
     starts = scenarios(task, DEPUTY, 7, 4)
     kept = fly(DEPUTY, task, ConvexGuidance(DEPUTY, task), starts, task.timing)
@@ -45,7 +45,7 @@ class Pushed(ConvexGuidance):
 
 
 @pytest.mark.slow
-def test_it_plans_again_when_it_is_off_its_way() -> None:
+def test_it_plans_again_when_it_is_off_its_way():
     task = Dock(deadline=(1500.0, 1500.0))
     starts = scenarios(task, DEPUTY, 8, 2)
     guidance = Pushed(DEPUTY, task)

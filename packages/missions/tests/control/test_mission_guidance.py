@@ -12,19 +12,18 @@ from rans_missions.tasks import Dock, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
 import rans
-from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
-from rans.model.actuators import Pulsed
-from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
+from rans import (
     Conditions,
     DisturbanceConditions,
     SensorConditions,
     SensorsConditions,
     ThrusterConditions,
+    Timing,
 )
+from rans.evaluation.measure.metrics import impulses, won
+from rans.flight import fly
+from rans.model.actuators import Pulsed
+from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 
@@ -53,9 +52,7 @@ def coarse(task: OrbitalMission) -> Timing:
     ],
     ids=["dock", "hold", "rendezvous"],
 )
-def test_it_arrives_within_all_limits_and_drake_flies_the_same(
-    task: OrbitalMission, craft: Spacecraft, count: int
-) -> None:
+def test_it_arrives_within_all_limits_and_drake_flies_the_same(task, craft, count):
     ours, drake = (
         flying(craft, task, MissionGuidance(craft, task), starts, coarse(task))
         for flying, starts in (
@@ -68,7 +65,7 @@ def test_it_arrives_within_all_limits_and_drake_flies_the_same(
     np.testing.assert_allclose(impulses(drake), impulses(ours)[:1], rtol=1e-5)
 
 
-def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
+def test_noise_of_thrusts_is_as_uncertain_as_their_range():
     """A uniform distribution over s sqrt(3) on either side of the mean has the standard deviation s."""
     task = Dock()
     deviation = 0.1
@@ -86,7 +83,7 @@ def test_noise_of_thrusts_is_as_uncertain_as_their_range() -> None:
 
 
 @pytest.mark.slow
-def test_a_known_force_does_not_lead_the_filter_astray() -> None:
+def test_a_known_force_does_not_lead_the_filter_astray():
     """An estimate that ignores a force of 1e-3 N, which is 8e-5 m/s^2, is wrong by 40 m after 1,000 s."""
     task = Dock(deadline=(1000.0, 1000.0))
     timing = replace(task.timing, episode_steps=100, checks=1, substeps=1)
@@ -111,7 +108,7 @@ def test_a_known_force_does_not_lead_the_filter_astray() -> None:
 
 
 @pytest.mark.slow
-def test_commands_tell_it_the_conditions(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_commands_tell_it_the_conditions(monkeypatch):
     """In an evaluation and a comparison, of which the beginning is flown; named by its module it expects none."""
     monkeypatch.setattr(Dock, "timing", replace(Dock.timing, episode_steps=60, substeps=1))
     noisy = Conditions(sensors=NOISY)
@@ -125,7 +122,7 @@ def test_commands_tell_it_the_conditions(monkeypatch: pytest.MonkeyPatch) -> Non
     assert without > 1.5 * impulse
 
 
-def test_burns_are_rounded_down_to_whole_pulses() -> None:
+def test_burns_are_rounded_down_to_whole_pulses():
     """Of starts so far below the speed limit that the reserve below it makes no difference."""
     pulsed = replace(DEPUTY, actuators=Pulsed(counts=100))
     task = Dock(deadline=(2000.0, 2000.0), start_speed=(0.0, 0.1))

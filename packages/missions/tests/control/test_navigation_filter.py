@@ -49,7 +49,7 @@ def flown(
 
 
 @pytest.mark.parametrize("share", [0.0, 0.03])
-def test_errors_are_as_large_as_it_says(share: float) -> None:
+def test_errors_are_as_large_as_it_says(share):
     """The squared error, normalised by the covariance, has the mean 6: its number of components."""
     navigation = NavigationFilter(ORBIT, 3, PERIOD, POSITION, VELOCITY, share)
     error, covariance = flown(navigation, 400, 40, share)
@@ -58,7 +58,7 @@ def test_errors_are_as_large_as_it_says(share: float) -> None:
     assert abs(squared.mean() - 6.0) < 0.9
 
 
-def test_unknown_accelerations_are_as_uncertain_as_it_says() -> None:
+def test_unknown_accelerations_are_as_uncertain_as_it_says():
     """As above, of an acceleration that changes slowly."""
     push = 3e-5
     navigation = NavigationFilter(ORBIT, 3, PERIOD, POSITION, VELOCITY, 0.0, acceleration=push)
@@ -67,7 +67,7 @@ def test_unknown_accelerations_are_as_uncertain_as_it_says() -> None:
     assert abs(squared.mean() - 6.0) < 0.9
 
 
-def test_a_constant_force_leads_it_astray_unless_it_expects_one() -> None:
+def test_a_constant_force_leads_it_astray_unless_it_expects_one():
     """1e-5 m/s^2 along each axis: in 200 readings, 20 m that a filter that trusts its equations denies."""
     squares = []
     for expected in (0.0, 1e-5):

@@ -68,7 +68,7 @@ def near_starts(setup: Setup, seconds: float, count: int = 2) -> Scenario:
         ("convex", "rendezvous"),
     ],
 )
-def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) -> None:
+def test_controllers_hold_long_after_the_last_deadline(name, mission):
     """For 500 s. Every controller has a mission; that of missions has all, because it plans for them."""
     setup = setup_of(MISSIONS[mission])
     task = setup.task
@@ -84,12 +84,12 @@ def test_controllers_hold_long_after_the_last_deadline(name: str, mission: str) 
 
 
 @pytest.mark.slow
-def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
+def test_a_missed_deadline_is_followed_by_a_new_plan():
     """From far away with no time left: the craft comes, within the limits, and without haste."""
     setup = setup_of(MISSIONS["dock"])
     task = setup.task
     assert isinstance(task, OrbitalMission)
-    drawn: Any = scenarios(task, setup.craft, 3, 1)
+    drawn = scenarios(task, setup.craft, 3, 1)
     goal = map_leaves(lambda x: x, drawn.goal)
     passed = goal.notes.deadline * 0.0 - 50.0
     notes = replace(goal.notes, deadline=passed, arrival=passed)
@@ -110,7 +110,7 @@ def test_a_missed_deadline_is_followed_by_a_new_plan() -> None:
 
 
 @pytest.mark.slow
-def test_a_docked_craft_turns_with_its_port() -> None:
+def test_a_docked_craft_turns_with_its_port():
     """In the corridor, within the tolerances, for 200 s after the last contact."""
     setup = setup_of(FinalApproach(spawn_distance=(14.0, 16.0)))
     starts = scenarios(setup.task, setup.craft, 4, 8)

@@ -42,7 +42,7 @@ def turned(rotations: Rotation) -> SpatialState:
     return SpatialState(still, Quat(w, x, y, z), still, still)
 
 
-def test_commands_give_the_change_in_the_world_frame() -> None:
+def test_commands_give_the_change_in_the_world_frame():
     law = Constant()
     law.reset(3)
     rotations = Rotation.random(3, rng=np.random.default_rng(1))

@@ -57,11 +57,8 @@ def guided() -> Flight:
     return fly(CHASER, TASK, Corridor(CHASER, TASK), STARTS, TIMING)
 
 
-def test_guidance_was_as_near_and_as_slow_as_the_bound_assumes(
-    begun: list[Begun], guided: Flight
-) -> None:
+def test_guidance_was_as_near_and_as_slow_as_the_bound_assumes(begun, guided):
     assert guided.verdict.solved.all()
-    assert guided.lengths is not None
     places, speeds = columns(guided.states.p), columns(guided.states.v)
     for k, (meeting, _) in enumerate(begun):
         end = int(guided.lengths[k])
@@ -74,14 +71,14 @@ def test_guidance_was_as_near_and_as_slow_as_the_bound_assumes(
             assert np.linalg.norm(speeds[at, k] - port[3:]) <= meeting.hurry[ago]
 
 
-def test_no_range_of_arrivals_costs_more_than_an_arrival_in_it(begun: list[Begun]) -> None:
+def test_no_range_of_arrivals_costs_more_than_an_arrival_in_it(begun):
     for meeting, state in begun[:3]:
         of_range = bound_of_range(meeting, state, 500, 560)
         assert of_range > 0.0
         assert all(of_range <= bound_of_range(meeting, state, k, k) for k in (500, 530, 560))
 
 
-def test_no_guidance_spends_less_than_the_bound(begun: list[Begun], guided: Flight) -> None:
+def test_no_guidance_spends_less_than_the_bound(begun, guided):
     """Nor is the bound below that of a rendezvous with the port, which knows no corridor."""
     spent = impulses(guided)
     for k, (meeting, state) in enumerate(begun[:2]):
@@ -91,7 +88,7 @@ def test_no_guidance_spends_less_than_the_bound(begun: list[Begun], guided: Flig
         assert end <= LAST
 
 
-def test_the_corridor_is_in_the_bound() -> None:
+def test_the_corridor_is_in_the_bound():
     """From 68 m a meeting after 20 minutes costs 30 N s, and one through the corridor more than twice as much."""
     task: Any = FinalApproach().for_evaluation()
     one = next(iter(each(scenarios(task, CHASER, seed=2023, count=1))))
@@ -102,12 +99,13 @@ def test_the_corridor_is_in_the_bound() -> None:
 
 
 @pytest.mark.slow
-def test_a_flight_through_the_corridor_docks_in_the_engine(begun: list[Begun]) -> None:
+def test_a_flight_through_the_corridor_docks_in_the_engine(begun):
     """Flown from its start it keeps every limit, and does not spend less than its bound."""
-    found = flight_entering(*begun[0], LAST, 1)
+    meeting, state = begun[0]
+    found = flight_entering(meeting, state, LAST, 1)
     assert found is not None
     commands = np.zeros((TIMING.episode_steps, 1, 6))
     commands[: len(found.commands), 0] = found.commands
     flight = fly(CHASER, TASK, Script(commands), scenarios(TASK, CHASER, 5, 1), TIMING)
     assert flight.verdict.solved.all()
-    assert bound_of_range(*begun[0], LAST, LAST) <= impulses(flight)[0] * (1.0 + 1e-9)
+    assert bound_of_range(meeting, state, LAST, LAST) <= impulses(flight)[0] * (1.0 + 1e-9)

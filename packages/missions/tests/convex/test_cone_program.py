@@ -35,7 +35,7 @@ def between(least: float, most: float, farthest: float) -> ConeProgram:
     )
 
 
-def test_what_a_certificate_lacks_counts_times_how_far_solutions_may_be() -> None:
+def test_what_a_certificate_lacks_counts_times_how_far_solutions_may_be():
     """x <= 1 and x >= 2: (1, 1) proves 0 <= -1. (1, 0.9) proves 0.1 x >= 0.8 - ..., that is x <= -8, alone."""
     assert between(2.0, 1.0, 10.0).is_infeasible(np.array([1.0, 1.0]))
     assert not between(2.0, 1.0, 10.0).is_infeasible(np.array([1.0, 0.9]))
@@ -47,9 +47,7 @@ def test_what_a_certificate_lacks_counts_times_how_far_solutions_may_be() -> Non
 
 
 @given(seed=st.integers(0, 2**32 - 1), scale=st.floats(1e-6, 1e12), is_tight=st.booleans())
-def test_no_multipliers_prove_that_what_has_a_solution_has_none(
-    seed: int, scale: float, is_tight: bool
-) -> None:
+def test_no_multipliers_prove_that_what_has_a_solution_has_none(seed, scale, is_tight):
     """Equations, inequalities and two cones around a random point, in numbers without rounding.
 
     With multipliers of equations alone the proof would have to exceed 0 by rounding.
@@ -73,7 +71,7 @@ START = np.array([2000.0, 0.0, 1500.0]), np.array([80.0, 30.0, -75.0])
 
 
 @pytest.mark.parametrize("status", ["NumericalError", "MaxIterations", "DualInfeasible", "false"])
-def test_a_solver_that_fails_proves_nothing(monkeypatch: pytest.MonkeyPatch, status: str) -> None:
+def test_a_solver_that_fails_proves_nothing(monkeypatch, status):
     """Also where it says that there is no solution, with multipliers that do not prove it."""
 
     class Failing:
@@ -99,7 +97,7 @@ def test_a_solver_that_fails_proves_nothing(monkeypatch: pytest.MonkeyPatch, sta
     assert flights.least() <= 0.0
 
 
-def test_a_program_that_is_barely_infeasible_is_asked_again() -> None:
+def test_a_program_that_is_barely_infeasible_is_asked_again():
     """A moon's start from which nothing lands in 49.5 s; with Clarabel's own regularization it ends in an error."""
     task = Land(gravity=1.62)
     craft = load_spacecraft("mars-lander-steered")

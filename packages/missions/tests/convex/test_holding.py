@@ -1,7 +1,5 @@
 """Bounds of reaching a point and staying there: a motion worked out by hand, other multipliers, and flights."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -12,11 +10,11 @@ from rans_missions.convex.holding import flight_that_holds, least_to_hold
 from rans_missions.convex.rendezvous import Meeting, rendezvous, trajectory
 from rans_missions.tasks import Hold
 
+from rans import Timing
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.drift import FreeFlight
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 
 LINE = Meeting(
@@ -32,7 +30,7 @@ LINE = Meeting(
 START = np.array([-100.0, 0.0, 0.0, 0.0])
 
 
-def test_a_stay_on_a_line_costs_what_hand_works_out() -> None:
+def test_a_stay_on_a_line_costs_what_hand_works_out():
     """95 m in 1,000 s at 0.095 m/s, and then 10 m in 600 s at 1/60 m/s: 500 kg (2 0.095 - 1/60) m/s = 86.7 N s.
 
     An arrival alone may leave 0.05 m/s: 70 N s. Of 2 % below the former, a range of arrivals of 60 s has one.
@@ -47,7 +45,7 @@ def test_a_stay_on_a_line_costs_what_hand_works_out() -> None:
     assert least_to_hold(passing, np.array([-100.0, 0.0, 0.4, 0.0]), 1000.0, 20.0) == 0.0
 
 
-def test_a_flight_that_holds_costs_what_hand_works_out() -> None:
+def test_a_flight_that_holds_costs_what_hand_works_out():
     """The drift through the tolerances of the first test: 86.7 N s, and every check of 600 s is within them."""
     found = flight_that_holds(LINE, START, 1000.0, 600.0)
     assert found is not None
@@ -62,7 +60,7 @@ def test_a_flight_that_holds_costs_what_hand_works_out() -> None:
 
 
 @pytest.mark.slow
-def test_convex_guidance_holds_within_a_hundredth_of_the_bound() -> None:
+def test_convex_guidance_holds_within_a_hundredth_of_the_bound():
     """It spent 3 to 11 % more while it arrived first and stopped then."""
     task = Hold(deadline=(1000.0, 1000.0))
     craft = load_spacecraft("vbar-chaser")

@@ -35,7 +35,7 @@ def searched(
     return found
 
 
-def test_flights_that_are_found_inspect_at_little_more_than_the_bound() -> None:
+def test_flights_that_are_found_inspect_at_little_more_than_the_bound():
     """All of 20 points: seen at the time that the search says, and not before, outside of the ball."""
     task = Inspect(points=20)
     normals = np.array(task.normals)
@@ -64,7 +64,7 @@ def test_flights_that_are_found_inspect_at_little_more_than_the_bound() -> None:
         assert bound <= spent < 1.1 * bound
 
 
-def test_a_start_whose_coast_inspects_enough_needs_no_burn() -> None:
+def test_a_start_whose_coast_inspects_enough_needs_no_burn():
     task = Inspect(points=1)
     burns = searched(task, STARTS[0])
     assert burns.price == 0.0
@@ -72,7 +72,7 @@ def test_a_start_whose_coast_inspects_enough_needs_no_burn() -> None:
     assert burns.finish == 10.0
 
 
-def test_the_cheapest_safe_flight_is_flown_and_else_the_cheapest() -> None:
+def test_the_cheapest_safe_flight_is_flown_and_else_the_cheapest():
     task = Inspect(points=20)
     cheapest = searched(task, STARTS[2]).price
     dearer = searched(task, STARTS[2], lambda burns: burns.price > 1.01 * cheapest).price

@@ -52,7 +52,7 @@ def program(task: Inspect, normal: np.ndarray, p: Any, v: Any, sun: float) -> fl
 
 
 @pytest.mark.parametrize("seed", [5, 8])
-def test_the_bound_is_the_second_dearest_of_three_points_by_linear_programs(seed: int) -> None:
+def test_the_bound_is_the_second_dearest_of_three_points_by_linear_programs(seed):
     """One of three points may stay unseen; from these starts the second dearest is not free."""
     rng = np.random.default_rng(seed)
     task = Inspect(points=3, unseen_tolerance=0.4)
@@ -67,7 +67,7 @@ def test_the_bound_is_the_second_dearest_of_three_points_by_linear_programs(seed
     assert programs[1] * (1.0 - 2e-4) < found < programs[1] * (1.0 + 1e-6)
 
 
-def test_a_point_is_priced_by_hand() -> None:
+def test_a_point_is_priced_by_hand():
     """At rest 40 m along the track a craft stays, with x = 0; the only point has its normal along x.
 
     After a quarter of an orbit, 1 m/s along x is worth 1 / n metres of x, and 1 m/s along y 2 / n. So 10 m cost

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +12,6 @@ from rans_missions.convex import landing as module
 from rans_missions.convex.landing import (
     Descent,
     Lander,
-    Landing,
     best_landing,
     landing,
     largest_turning,
@@ -22,7 +20,7 @@ from rans_missions.convex.landing import (
 )
 from rans_missions.tasks.land import Land
 
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, scenarios
@@ -34,7 +32,7 @@ PUBLISHED = np.array([2000.0, 0.0, 1500.0]), np.array([80.0, 30.0, -75.0])
 EXACT = Descent(margin=1e-3)
 
 
-def test_the_lander_of_a_craft() -> None:
+def test_the_lander_of_a_craft():
     """Six engines of 3100 N, canted by 27 degrees, at 30 and at 80 %; 225 s of specific impulse."""
     cosine = math.cos(math.radians(27.0))
     assert LANDER.least_thrust == pytest.approx(0.3 * 6 * 3100 * cosine)
@@ -45,7 +43,7 @@ def test_the_lander_of_a_craft() -> None:
 
 
 @pytest.mark.parametrize(("time", "expected"), [(74.0, 374.0), (75.0, 373.6), (80.0, 378.6)])
-def test_the_published_landing(time: float, expected: float) -> None:
+def test_the_published_landing(time, expected):
     """Propellant of an independent implementation with accelerations held for half a second, within 0.1 %.
 
     It bounds the thrust by the mass at the start of a period instead of that in its middle, which is dearer.
@@ -59,13 +57,13 @@ def test_the_published_landing(time: float, expected: float) -> None:
     assert abs(found.propellant - found.dual) < 1e-3
 
 
-def test_too_short_a_flight_is_out_of_reach() -> None:
+def test_too_short_a_flight_is_out_of_reach():
     assert landing(LANDER, EXACT, PUBLISHED, 70.0) is None
     assert best_landing(LANDER, EXACT, PUBLISHED, 2.0, times=(20.0, 60.0)) is None
 
 
 @pytest.mark.parametrize("apart", [False, True])
-def test_no_landing_is_below_the_rocket_equation_of_its_flight_time(apart: bool) -> None:
+def test_no_landing_is_below_the_rocket_equation_of_its_flight_time(apart):
     """Straight down, all thrust is against the velocity and gravity: it is the optimum then."""
     lander = Lander.of(CRAFT, apart=apart)
     descent = Descent.of(Land())
@@ -84,7 +82,7 @@ def test_no_landing_is_below_the_rocket_equation_of_its_flight_time(apart: bool)
 
 
 @pytest.mark.slow
-def test_the_burn_at_the_last_moment_is_the_optimum() -> None:
+def test_the_burn_at_the_last_moment_is_the_optimum():
     """A start for which most thrust all the way stops it just above the ground has no cheaper landing."""
     time = 20.0
     flow = LANDER.largest_thrust / LANDER.exhaust_speed
@@ -103,7 +101,7 @@ def test_the_burn_at_the_last_moment_is_the_optimum() -> None:
 
 
 @pytest.mark.slow
-def test_what_is_found_flies_in_our_engine_and_in_drake() -> None:
+def test_what_is_found_flies_in_our_engine_and_in_drake():
     """From the published start, within the tolerances; exactly it costs a little more."""
     one = scenarios(Land(), CRAFT, 0, 1)
     p, v = (Vec3(*(np.full(1, x) for x in part)) for part in PUBLISHED)
@@ -117,7 +115,7 @@ def test_what_is_found_flies_in_our_engine_and_in_drake() -> None:
     assert 0.0 < exact.propellant - answer.landing.propellant < 1.0
 
 
-def test_a_craft_that_turns_needs_more() -> None:
+def test_a_craft_that_turns_needs_more():
     """860 N m about two axes at once, 1715 kg m^2: 0.709 rad/s^2, 5.1 degrees in half a second and 20.4 in one."""
     turning = largest_turning(load_spacecraft("mars-lander-steered"))
     assert turning == pytest.approx(math.sqrt(2.0) * 860.0 / 1715.0)
@@ -135,7 +133,7 @@ def test_a_craft_that_turns_needs_more() -> None:
     assert np.degrees(np.arccos(at_once.acceleration[0, 2] / at_once.slack[0])) > 30.0
 
 
-def test_engines_throttled_one_by_one_push_no_more_and_no_lower_than_the_lines_say() -> None:
+def test_engines_throttled_one_by_one_push_no_more_and_no_lower_than_the_lines_say():
     """Random throttles of five engines, of a craft that is tilted and rolled at random within its limit."""
     random = np.random.default_rng(3)
     lander = Lander.of(CRAFT, (0,), apart=True)
@@ -163,7 +161,7 @@ def _least_of(lines: tuple[tuple[float, float], ...], x: np.ndarray) -> np.ndarr
     return np.min([slope * x + intercept for slope, intercept in lines], axis=0)
 
 
-def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one() -> None:
+def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one():
     """A flight with random throttles, from its end back to its start, uses at least the bound of its start."""
     random = np.random.default_rng(5)
     period, count = 0.5, 40
@@ -187,7 +185,7 @@ def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one() -
 
 
 @pytest.mark.slow
-def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_flight_time_is_left_out(monkeypatch):
     """With random costs on top, the propellant has many minima over the time, and the least of all counts."""
     period = 4.0
     descent = Descent.of(Land())
@@ -204,7 +202,7 @@ def test_no_flight_time_is_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
         }
         assert len(dearer) > 3
 
-        def instead(*given: Any, dearer: dict[int, Landing] = dearer, **_: Any) -> Landing | None:
+        def instead(*given, dearer=dearer, **_):
             return dearer.get(round(given[3] / period))
 
         monkeypatch.setattr(module, "landing", instead)

@@ -30,7 +30,7 @@ from rans.scenario import each, scenarios
 from tests.support.rendezvous import DEPUTY, meeting_of, program
 
 
-def test_a_meeting_at_one_instant_costs_what_a_linear_program_says() -> None:
+def test_a_meeting_at_one_instant_costs_what_a_linear_program_says():
     """With 2 mm and any speed; missing by 2 mm saves 1e-4 of the impulse at most."""
     meeting, states, _, _ = meeting_of(800.0, 4, 1)
     exact = replace(meeting, position_tolerance=2e-3, velocity_tolerance=10.0)
@@ -40,7 +40,7 @@ def test_a_meeting_at_one_instant_costs_what_a_linear_program_says() -> None:
         assert found.impulse == pytest.approx(program(state, 80), rel=1e-4)
 
 
-def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
+def test_no_multiplier_bounds_more_than_a_flight_needs():
     meeting, states, _, _ = meeting_of(300.0, 3, 2)
     rng = np.random.default_rng(0)
     for state in states:
@@ -55,7 +55,7 @@ def test_no_multiplier_bounds_more_than_a_flight_needs() -> None:
 
 
 @given(last=st.integers(1, 5000), interval=st.floats(0.05, 500.0))
-def test_ranges_of_arrivals_have_every_check_once(last: int, interval: float) -> None:
+def test_ranges_of_arrivals_have_every_check_once(last, interval):
     """Ranges of arrivals are at most 150 s long, where 100 s do not divide the time, and leave no arrival out."""
     ranges = ranges_of_arrivals(last, interval)
     assert [k for first, end in ranges for k in range(first, end + 1)] == [*range(1, last + 1)]
@@ -64,7 +64,7 @@ def test_ranges_of_arrivals_have_every_check_once(last: int, interval: float) ->
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deadline", [600.0, 1000.0])
-def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadline: float) -> None:
+def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadline):
     meeting, states, starts, task = meeting_of(deadline, 2, 3)
     answers = [rendezvous(meeting, state, deadline) for state in states]
     commands = np.zeros((task.timing.episode_steps, len(states), 6))
@@ -85,7 +85,7 @@ def test_bounds_hold_flights_up_and_flights_keep_the_limit_in_both_engines(deadl
         np.testing.assert_allclose(impulses(flight), planned, rtol=1e-6)
 
 
-def test_only_a_checked_certificate_says_that_a_meeting_is_impossible() -> None:
+def test_only_a_checked_certificate_says_that_a_meeting_is_impossible():
     """100 km away nothing meets in 100 s; multipliers that prove nothing are not believed."""
     meeting, (state,), _, _ = meeting_of(300.0, 1, 3)
     far = state + np.array([1e5, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -115,15 +115,13 @@ GOALS = [next(iter(each(scenarios(task, DEPUTY, 0, 1)))).goal for task in MISSIO
     check=st.integers(1, 400),
     offset=st.sampled_from([-2e-3, -9e-4, -5e-4, -1e-5, 0.0, 1e-5, 5e-4, 9e-4, 2e-3]),
 )
-def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(
-    number: int, check: int, offset: float
-) -> None:
-    mission: Any = MISSIONS[number]
-    goal: Any = GOALS[number]
+def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(number, check, offset):
+    mission = MISSIONS[number]
+    goal = GOALS[number]
     interval = mission.timing.control_period / mission.timing.checks
     deadline = check * interval + offset
 
-    def is_in_time(last: int) -> bool:
+    def is_in_time(last):
         """Whether the mission judges a success then, or only for being late none."""
         left = deadline - last * interval
         # A hold that begins then is judged when it has lasted.
@@ -142,7 +140,7 @@ def test_the_last_check_of_a_proof_is_the_last_that_the_judge_counts(
 
 
 @pytest.mark.parametrize("offset", [-2e-3, -5e-4])
-def test_a_bound_is_below_the_flights_of_a_deadline_beside_a_check(offset: float) -> None:
+def test_a_bound_is_below_the_flights_of_a_deadline_beside_a_check(offset):
     """The check is at 300 s, and counts up to 1 ms after the deadline; that before costs 4 % more."""
     meeting, (state,), _, _ = meeting_of(300.0 + offset, 1, 3)
     lower = rendezvous(meeting, state, 300.0 + offset).lower

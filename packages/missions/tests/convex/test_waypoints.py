@@ -30,7 +30,7 @@ def _ball(time: float, place: tuple[float, ...], radius: float, half: float = 0.
     return Waypoint(time - half, time + half, np.array(place), radius)
 
 
-def test_impulse_through_balls_by_hand() -> None:
+def test_impulse_through_balls_by_hand():
     """What balls with spans, halves and lines of them change."""
     mass = PLATFORM.mass
     start = planar()
@@ -55,7 +55,7 @@ def test_impulse_through_balls_by_hand() -> None:
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_impulse_through_balls_is_that_of_the_best_changes_of_velocity(seed: int) -> None:
+def test_impulse_through_balls_is_that_of_the_best_changes_of_velocity(seed):
     """Least impulse of velocity changes that reach the balls, by another solver: the dual of the bound."""
     random = np.random.default_rng(seed)
     size = 2 + seed % 2

@@ -15,14 +15,12 @@ from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 
 import rans
+from rans import ConfigError, Engine, Timing
 from rans.episode import Setup, World
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
 from rans.flight import Flight, fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
 from rans.tasks.shapes import Ball
 
@@ -64,7 +62,7 @@ def rammed(craft: Any, task: Any, count: int, guard: Any, flying: Any = fly) -> 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
-def test_nobody_can_be_made_to_enter_a_zone(craft: Any) -> None:
+def test_nobody_can_be_made_to_enter_a_zone(craft):
     task = Avoid().for_evaluation()
     free = rammed(craft, task, 8, None)
     assert free.violated().mean() >= 0.5
@@ -85,7 +83,7 @@ def heading_for(distance: float, speed: float) -> tuple[Any, Any, Any]:
     return task, here, goal
 
 
-def test_thrust_towards_a_zone_is_cut_where_braking_would_be_too_late() -> None:
+def test_thrust_towards_a_zone_is_cut_where_braking_would_be_too_late():
     """Four nozzles of 0.707 N each in x give 0.532 m/s^2.
 
     From 0.316 m/s the platform stops within 0.094 m, so it may coast 0.22 m away. After a period of thrust
@@ -103,7 +101,7 @@ def test_thrust_towards_a_zone_is_cut_where_braking_would_be_too_late() -> None:
 
 
 @pytest.mark.parametrize("speed", [0.0, 0.1])
-def test_within_the_reserve_of_a_zone_a_craft_retreats(speed: float) -> None:
+def test_within_the_reserve_of_a_zone_a_craft_retreats(speed):
     """0.2 m away coasting keeps two thirds of the reserve. Four nozzles push away, and give 0.106 m/s in 0.2 s."""
     task, here, goal = heading_for(0.2, 0.0)
     here = replace(here, v=Vec2(0.0, speed))
@@ -114,7 +112,7 @@ def test_within_the_reserve_of_a_zone_a_craft_retreats(speed: float) -> None:
     assert reached.state.v.x[0] < -0.09
 
 
-def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch() -> None:
+def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch():
     task = Avoid()
     world = World(Setup(PLATFORM, task, task.timing))
     starts = scenarios(task, PLATFORM, seed=2, count=30)
@@ -127,7 +125,7 @@ def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch() -> N
     batch, changed = guard.admitted(world, state, starts.goal, command)
     assert 0 < changed.sum() < 30
 
-    def tensor(x: Any) -> Any:
+    def tensor(x):
         return torch.as_tensor(x) if np.ndim(x) else x
 
     of_torch, also = guard.admitted(
@@ -145,7 +143,7 @@ def test_one_spacecraft_of_numbers_is_filtered_as_in_a_batch_and_in_torch() -> N
         assert is_changed is True
 
 
-def test_engines_and_environments_fly_it() -> None:
+def test_engines_and_environments_fly_it():
     task = Avoid()
     engine = Engine(PLATFORM, task, 8, seed=4, guard=FlownBackup())
     torch.manual_seed(0)
@@ -153,14 +151,14 @@ def test_engines_and_environments_fly_it() -> None:
         assert torch.isfinite(engine.step((torch.rand(8, 8) < 0.5).float()).reward).all()
     with pytest.raises(ConfigError, match="compiled"):
         Engine(PLATFORM, task, 8, guard=FlownBackup(), compiled=True)
-    env: Any = gymnasium.make("rans/Avoid2D-v0", guard=FlownBackup())
+    env = gymnasium.make("rans/Avoid2D-v0", guard=FlownBackup())
     env.reset(seed=0)
     assert env.step(np.ones(8, int))[0].shape == env.observation_space.shape
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:LQR does not know the constraints:UserWarning")
-def test_metrics_tell_what_the_filter_did() -> None:
+def test_metrics_tell_what_the_filter_did():
     with pytest.warns(UserWarning, match="does not know the constraints"):
         found = rans.evaluate("lqr:avoid-2d", episodes=6, guard=True)
     assert found["failed"].value == 0.0
@@ -172,7 +170,7 @@ def test_metrics_tell_what_the_filter_did() -> None:
         _ = free["interventions"]
 
 
-def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it() -> None:
+def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it():
     """As after a reading that is worse than those before, with any heading and spin close to a zone."""
     task = Avoid(zones=1)
     world = World(Setup(PLATFORM, task, task.timing))

@@ -27,7 +27,7 @@ unit = st.floats(-1.0, 1.0)
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(unit, min_size=8, max_size=8), st.floats(0.2, 0.6))
-def test_coasting_past_balls_is_judged_as_by_small_steps(xs: list[float], radius: float) -> None:
+def test_coasting_past_balls_is_judged_as_by_small_steps(xs, radius):
     """The closed form against 4,000 instants of 60 s, whatever the two velocities."""
     x, y, vx, vy, bx, by, ux, uy = xs
     ball = Ball(Vec2(2.0 * bx, 2.0 * by), Vec2(0.05 * ux, 0.05 * uy), radius)
@@ -52,7 +52,7 @@ def test_coasting_past_balls_is_judged_as_by_small_steps(xs: list[float], radius
         assert found
 
 
-def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not() -> None:
+def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not():
     """Asked once a period, but true at twenty instants of each: 40 s of 200 craft near a port."""
     task = DockPort()
     starts = scenarios(task, PLATFORM, seed=5, count=200)

@@ -37,20 +37,20 @@ def turn() -> float:
     return float(torque / PLATFORM.inertia[2][2] * TASK.timing.control_period)
 
 
-def test_thrusters_within_60_degrees_open() -> None:
+def test_thrusters_within_60_degrees_open():
     assert opened(59.0)
     assert opened(-59.0)
     assert not opened(61.0)
 
 
 @pytest.mark.parametrize(("part", "opens"), [(0.9, False), (1.1, True), (-1.1, False)])
-def test_across_the_direction_those_open_that_would_stop_the_spin(part: float, opens: bool) -> None:
+def test_across_the_direction_those_open_that_would_stop_the_spin(part, opens):
     """A spin that one pulse would stop scores 0.5, which is not enough yet."""
     assert abs(turn()) > 1e-3
     assert opened(90.0, -part * turn()) == opens
 
 
-def test_no_spin_opens_a_thruster_that_pushes_the_wrong_way() -> None:
+def test_no_spin_opens_a_thruster_that_pushes_the_wrong_way():
     """The score of a spin is at most 0.75: at cos 105 degrees = -0.26 less than 0.5 is left, at cos 104 more."""
     fast = -100.0 * turn()
     assert opened(104.0, fast)

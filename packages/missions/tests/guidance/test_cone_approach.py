@@ -41,7 +41,7 @@ def flown(p: tuple[float, ...], left: float) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("y", [-200.0, 0.0, 200.0])
-def test_it_arrives_inside_the_cone(y: float) -> None:
+def test_it_arrives_inside_the_cone(y):
     """With 200 m beside the axis at 465 m the cheapest transfer comes from outside."""
     places, speeds = flown((-465.0, y, 60.0), 6000.0)
     assert np.linalg.norm(places[-1]) < 0.5
@@ -53,7 +53,7 @@ def test_it_arrives_inside_the_cone(y: float) -> None:
 
 
 @pytest.mark.slow
-def test_what_is_not_braked_is_the_best_of_a_grid() -> None:
+def test_what_is_not_braked_is_the_best_of_a_grid():
     """A grid of velocities within the speed costs no less, with one, two and three components braked."""
     grid = np.linspace(0.0, 0.05, 101)
     ends = np.array([x for x in itertools.product(grid, repeat=3) if np.linalg.norm(x) <= 0.05])

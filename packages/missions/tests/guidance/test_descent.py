@@ -1,7 +1,5 @@
 """Guidance of descents: its time is a root of its polynomial, and its thrust brings a point to rest."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,7 +13,7 @@ G = 3.7114
 
 
 @pytest.mark.slow
-def test_the_law_lands_at_rest_after_its_time() -> None:
+def test_the_law_lands_at_rest_after_its_time():
     """A free point under its thrust, in steps of Heun of 5 ms; the thrust it spends is what it says."""
     p = np.array([300.0, -200.0, 400.0])
     v = np.array([20.0, 5.0, -30.0])
@@ -26,7 +24,7 @@ def test_the_law_lands_at_rest_after_its_time() -> None:
     weight = np.array([0.0, 0.0, -G])
     for _ in range(3960):  # to 1 % before the end, where feedback divides by nothing
 
-        def thrust(p: np.ndarray, v: np.ndarray) -> np.ndarray:
+        def thrust(p, v):
             return np.array(DescentLaw.of(Vec3(*p), Vec3(*v), G, 2.0).thrust.columns())
 
         now = thrust(p, v)

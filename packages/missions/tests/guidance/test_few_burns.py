@@ -27,7 +27,7 @@ def size(v: Vec3) -> float:
     return sum(abs(float(x[0])) for x in v.columns())
 
 
-def test_a_transfer_at_once_reaches_the_goal() -> None:
+def test_a_transfer_at_once_reaches_the_goal():
     """In a plane without anything across; the drift's own solution is the oracle."""
     found = transfer((200.0, 50.0, 0.0), (0.1, -0.2, 0.0), 900.0)
     p, v = DRIFT.carry(Vec3(200.0, 50.0, 0.0), Vec3(0.1, -0.2, 0.0) + found.burn, 900.0)
@@ -36,7 +36,7 @@ def test_a_transfer_at_once_reaches_the_goal() -> None:
     assert found.brake[0] == pytest.approx(max(abs(v.x[0]), abs(v.y[0])), rel=1e-9)
 
 
-def test_across_the_plane_it_waits_for_the_node() -> None:
+def test_across_the_plane_it_waits_for_the_node():
     """At rest 100 m across, a craft comes to the plane at n times 100 m after a quarter of an orbit.
 
     One burn there stops it. Whoever burns at once pays 1.8 times as much by 1,900 s: 100 m n times the cotangent of
@@ -50,7 +50,7 @@ def test_across_the_plane_it_waits_for_the_node() -> None:
     assert at_once > 1.7 * found.price[0]
 
 
-def test_nothing_is_corrected_within_the_tolerances() -> None:
+def test_nothing_is_corrected_within_the_tolerances():
     """A craft that drifts through the goal slowly needs no burn."""
     found = transfer((0.5, -101.0, 0.5), (0.0, 0.005, 0.0), 100.0, ArrivalTolerance(3.0, 2.0, 0.03))
     assert size(found.burn) == 0.0

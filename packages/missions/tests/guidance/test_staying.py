@@ -39,9 +39,9 @@ def flown(p: Vec3, v: Vec3, goal: Any, periods: int) -> tuple[Any, ...]:
 
 
 @pytest.mark.parametrize("behind", [pytest.param(0.0, marks=pytest.mark.slow), 100.0])
-def test_after_a_return_it_circles_for_ever_without_burns(behind: float) -> None:
+def test_after_a_return_it_circles_for_ever_without_burns(behind):
     """At the target and behind it a craft stays, from any state; after two orbits nothing is burnt."""
-    goal: Any = SimpleNamespace(p=vector(0.0, -behind, 0.0), v=vector(0.0, 0.0, 0.0))
+    goal = SimpleNamespace(p=vector(0.0, -behind, 0.0), v=vector(0.0, 0.0, 0.0))
     p = vector([2.0, -2.0], [1.0 - behind, -1.0 - behind], [0.0, 1.0])
     v = vector([0.02, -0.03], [0.0, 0.01], 0.01)
     orbit = round(2.0 * np.pi / DRIFT.mean_motion / PERIOD)
@@ -53,7 +53,7 @@ def test_after_a_return_it_circles_for_ever_without_burns(behind: float) -> None
 
 
 @pytest.mark.parametrize("quarter", [0.25, 0.5, 1.0])
-def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter: float) -> None:
+def test_a_closed_ellipse_is_twice_as_long_as_wide_and_closes(quarter):
     """From (a, 0) it passes (0, -2 a) after a quarter of an orbit, and comes back after a whole one."""
     n = DRIFT.mean_motion
     v = circling(n, vector(30.0, 0.0, 0.0)).columns()
@@ -72,14 +72,14 @@ class Moving:
 
 
 @pytest.mark.parametrize("push", [pytest.param(2e-6, marks=pytest.mark.slow), -8e-6])
-def test_what_balances_a_force_is_its_mean_along_the_orbit(push: float) -> None:
+def test_what_balances_a_force_is_its_mean_along_the_orbit(push):
     """After two orbits nothing is spent but the product of force and time, the least of any flight that stays.
 
     Across the orbit 2.9 m are an equilibrium of 3.5e-6 m/s^2, and 2.5 m away 4.75e-7 of these are left. Radially
     the equilibrium is 1.38 m away.
     """
     n = DRIFT.mean_motion
-    goal: Any = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    goal = SimpleNamespace(p=vector(0.0, -100.0, 0.0), v=vector(0.0, 0.0, 0.0))
     acceleration = vector(-5e-6, push, 3.5e-6)
     # Radially and across it an acceleration moves W's origin, and along the orbit it is a drag.
     moved = vector(5e-6 / (3.0 * n**2), 0.0, 3.5e-6 / n**2)

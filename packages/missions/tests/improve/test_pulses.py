@@ -12,13 +12,12 @@ from rans_missions.improve.pulses import rounded, shortfall
 from rans_missions.improve.search import improve
 from rans_missions.script import Script
 
+from rans import GoToPosition, Timing
 from rans.episode import Setup
 from rans.evaluation.measure.metrics import impulses
 from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import Scenario, scenarios
-from rans.tasks import GoToPosition
 
 CRAFT = load_spacecraft("floating-platform")
 NEAR = 0.3
@@ -36,7 +35,7 @@ def flown(commands: np.ndarray) -> Flight:
 
 
 @given(st.integers(0, 10_000), st.floats(0.01, 1.0))
-def test_pulses_stay_and_their_sums_keep_to_those_of_the_commands(seed: int, offset: float) -> None:
+def test_pulses_stay_and_their_sums_keep_to_those_of_the_commands(seed, offset):
     random = np.random.default_rng(seed)
     pulses = (random.random((40, 3)) < 0.2).astype(float)
     np.testing.assert_array_equal(rounded(pulses, offset), pulses)
@@ -47,7 +46,7 @@ def test_pulses_stay_and_their_sums_keep_to_those_of_the_commands(seed: int, off
     assert np.abs(away).max() <= 1.0 + 1e-6
 
 
-def test_a_miss_is_measured_in_tolerances_of_the_worst_instant_at_the_end() -> None:
+def test_a_miss_is_measured_in_tolerances_of_the_worst_instant_at_the_end():
     """A craft that rests at six tolerances misses by five, and one that drifts past its goal by more at the end."""
     coast = np.zeros((30, 1, CRAFT.thruster_count))
     assert shortfall(flown(coast))[0][0] == pytest.approx(NEAR / TASK.position_tolerance - 1.0)
@@ -58,7 +57,7 @@ def test_a_miss_is_measured_in_tolerances_of_the_worst_instant_at_the_end() -> N
     assert shortfall(flight)[0][0] == pytest.approx(last.max() / TASK.position_tolerance - 1.0)
 
 
-def test_changes_of_pulses_do_what_they_say() -> None:
+def test_changes_of_pulses_do_what_they_say():
     """A change takes at most one pulse away, and adds at most one where there was none."""
     random = np.random.default_rng(3)
     flight = (random.random((30, 4)) < 0.1).astype(float)
@@ -73,7 +72,7 @@ def test_changes_of_pulses_do_what_they_say() -> None:
         )
 
 
-def test_sets_of_changes_lead_to_the_goal_where_effects_add_up() -> None:
+def test_sets_of_changes_lead_to_the_goal_where_effects_add_up():
     """Two of the changes shift a flight to its goal together, and none does alone."""
     random = np.random.default_rng(4)
     count = 300
@@ -97,7 +96,7 @@ def test_sets_of_changes_lead_to_the_goal_where_effects_add_up() -> None:
     assert all(len(set(map(int, one))) == len(one) for one in found)
 
 
-def test_pulses_follow_a_throttled_flight() -> None:
+def test_pulses_follow_a_throttled_flight():
     """A tenth of the thrust one way for two seconds, and back: a coast misses it by twice as much at least."""
     along = np.array(CRAFT.wrenches)[:, 0]
     throttled = np.zeros((30, 1, CRAFT.thruster_count))
@@ -113,9 +112,7 @@ def test_pulses_follow_a_throttled_flight() -> None:
     assert 2.0 * away < coasted
 
 
-def test_a_search_finds_pulses_from_a_flight_that_misses_its_goal(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_search_finds_pulses_from_a_flight_that_misses_its_goal(monkeypatch):
     """From a coast at rest, six tolerances away."""
     monkeypatch.setattr(pulses, "COPIES", 128)
     coast = np.zeros((30, 1, CRAFT.thruster_count))

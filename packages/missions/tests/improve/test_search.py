@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -14,13 +13,11 @@ from rans_missions.improve.command import Improve, improve
 from rans_missions.improve.pulses import judged
 from rans_missions.script import Script
 
+from rans import ConfigError, GoToPosition, Timing
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses, won
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.tasks import GoToPosition
 
 CRAFT = load_spacecraft("floating-platform")
 NEAR = GoToPosition(evaluation_distance=(0.02, 0.02)).for_evaluation()
@@ -28,7 +25,7 @@ NEAR = GoToPosition(evaluation_distance=(0.02, 0.02)).for_evaluation()
 SETUP = Setup(CRAFT, NEAR, Timing(episode_steps=20))
 
 
-def test_a_flight_that_breaks_a_limit_or_does_not_arrive_is_never_cheap() -> None:
+def test_a_flight_that_breaks_a_limit_or_does_not_arrive_is_never_cheap():
     """Three flights without any burn, of which the second broke a limit, and the third did not solve its task."""
     flight = SimpleNamespace(
         verdict=SimpleNamespace(solved=np.array([True, True, False])),
@@ -54,9 +51,7 @@ def test_a_flight_that_breaks_a_limit_or_does_not_arrive_is_never_cheap() -> Non
         (("avoid", ("optimal.csv", "pretrained:avoid-2d")), "pretrained:avoid-2d"),
     ],
 )
-def test_the_next_command_judges_the_flights_on_their_own_craft(
-    words: tuple[Any, ...], judged: str
-) -> None:
+def test_the_next_command_judges_the_flights_on_their_own_craft(words, judged):
     task, who, *options = words
     command = Improve(
         task,
@@ -66,7 +61,7 @@ def test_the_next_command_judges_the_flights_on_their_own_craft(
     assert command.following()[0].split()[2] == judged
 
 
-def test_a_search_without_a_flight_to_begin_from_is_refused() -> None:
+def test_a_search_without_a_flight_to_begin_from_is_refused():
     far = SETUP._replace(task=GoToPosition().for_evaluation(), timing=Timing(episode_steps=2))
     coasting = Script(np.zeros((2, 2, CRAFT.command_count)))
     with pytest.raises(ConfigError, match="script does, from 2 starts: outside the tol"):
@@ -82,14 +77,12 @@ def all_open() -> Script:
     return Script(commands)
 
 
-def test_an_interrupt_leaves_what_was_found_until_then(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
+def test_an_interrupt_leaves_what_was_found_until_then(monkeypatch, tmp_path):
     """Ctrl-C in the second round: the flights of the first one are the result, and the engine repeats them."""
-    rounds: list[np.ndarray] = []
+    rounds = []
     flies = search.fly
 
-    def fly_until(*arguments: Any, **options: Any) -> Any:
+    def fly_until(*arguments, **options):
         if len(rounds) == 1:
             raise KeyboardInterrupt
         return flies(*arguments, **options)

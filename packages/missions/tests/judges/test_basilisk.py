@@ -1,7 +1,5 @@
 """Flights against Basilisk's, of which basilisk.json has the states."""
 
-from __future__ import annotations
-
 import pytest
 from rans_missions.judges.basilisk import Case, cases, rows
 
@@ -12,7 +10,7 @@ CASES = [
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_a_flight_is_that_of_basilisk(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+def test_a_flight_is_that_of_basilisk(monkeypatch, name):
     """And commands in another order are another flight."""
     one = cases()[name]
     (row,) = rows({name: one})

@@ -19,7 +19,7 @@ SHORT = {
 
 
 @pytest.mark.parametrize("name", SHORT)
-def test_the_start_of_a_run_is_that_of_jeod(name: str) -> None:
+def test_the_start_of_a_run_is_that_of_jeod(name):
     (row,) = rows({name: _cut(RUNS[name], SHORT[name])})
     assert row.passed, row.differences()
     # The fields that a run has: sixteen digits of 17 rad, and the log has as many.
@@ -30,7 +30,7 @@ def test_the_start_of_a_run_is_that_of_jeod(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", RUNS)
-def test_eight_hours_are_those_of_jeod(name: str) -> None:
+def test_eight_hours_are_those_of_jeod(name):
     (row,) = rows({name: RUNS[name]})
     assert row.passed, row.differences()
 

@@ -58,9 +58,7 @@ def integrated(
 
 @pytest.mark.parametrize("eccentricity", ECCENTRICITIES)
 @pytest.mark.parametrize("time", [1.0, 900.0, 9000.0])
-def test_coasts_obey_the_equations_of_tschauner_and_hempel(
-    eccentricity: float, time: float
-) -> None:
+def test_coasts_obey_the_equations_of_tschauner_and_hempel(eccentricity, time):
     rng = np.random.default_rng(round(time))
     true = rng.uniform(-math.pi, math.pi)
     start = np.concatenate([rng.normal(size=3) * 100.0, rng.normal(size=3) * 0.1])
@@ -76,7 +74,7 @@ def test_coasts_obey_the_equations_of_tschauner_and_hempel(
 
 @example(e=0.9, m=-0.1256)  # where a step less leaves 2e-10
 @given(e=st.floats(0.0, 0.9), m=st.floats(-20.0, 20.0))
-def test_keplers_equation_is_solved(e: float, m: float) -> None:
+def test_keplers_equation_is_solved(e, m):
     anomaly = eccentric_anomaly(m, e)
     assert anomaly - e * math.sin(anomaly) == pytest.approx(m, abs=1e-13)
     # The true anomaly, by the tangents of halves, and back.

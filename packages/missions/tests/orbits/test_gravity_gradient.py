@@ -1,14 +1,12 @@
 """The torque of gravity's gradient on request; JEOD's runs and pairs of effects in Drake judge it."""
 
-from __future__ import annotations
-
 import pytest
 from rans_missions.tasks import Dock, TargetOrbit
 
-from rans.tasks import GoToAttitude
+from rans import GoToAttitude
 
 
-def test_missions_and_attitudes_have_it_on_request() -> None:
+def test_missions_and_attitudes_have_it_on_request():
     assert GoToAttitude().drift.gradient() is None
     assert GoToAttitude(mean_motion=0.001).drift.gradient() == pytest.approx(1e-6)
     circle = Dock(orbit=TargetOrbit(gravity_gradient=True))

@@ -11,11 +11,8 @@ import torch
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.orbits.perturbed import PerturbedOrbit
 
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
+from rans import ConfigError, Engine, GoToPosition, Timing
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import GoToPosition
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import (
     SEED,
@@ -77,9 +74,9 @@ class AroundAnOblatePlanet(OnAnEllipse):
     ],
     ids=["ellipse", "oblate", "oblate in space", "point"],
 )
-def test_an_orbit_steps_and_restarts_as_on_numpy(on_host: Any, craft: Any, task: Any) -> None:
-    made: Any = (craft, task, 8, Timing(episode_steps=4))
-    how: Any = {"seed": SEED, "dtype": torch.float64}
+def test_an_orbit_steps_and_restarts_as_on_numpy(on_host, craft, task):
+    made = (craft, task, 8, Timing(episode_steps=4))
+    how = {"seed": SEED, "dtype": torch.float64}
     ours = Engine(*made, **how)
     # Anomalies are those of eight places, and move on.
     anomalies = ours.episode.goal.notes.angle.copy()
@@ -95,6 +92,6 @@ class BegunAnew(OnAnEllipse):
     drift_at = GoToPosition.drift_at
 
 
-def test_an_orbit_that_would_begin_anew_in_every_period_is_refused() -> None:
+def test_an_orbit_that_would_begin_anew_in_every_period_is_refused():
     with pytest.raises(ConfigError, match="must have a method drift_at"):
         Engine(PLATFORM, BegunAnew(), num_envs=2, compiled=False).step(torch.zeros(2, 8))

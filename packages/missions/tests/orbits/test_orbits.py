@@ -1,9 +1,6 @@
 """What the motions of every orbit have in common."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +22,7 @@ P, V = Vec3(50.0, -100.0, 20.0), Vec3(0.05, 0.1, -0.02)
     [(ELLIPTIC, 1e-8, 1.0), (PERTURBED, 1e-3, 0.02)],
     ids=["elliptic", "perturbed"],
 )
-def test_motions_follow_one_another(drift: Any, close: float, felt: float) -> None:
+def test_motions_follow_one_another(drift, close, felt):
     """In two parts, the second of which begins later in the orbit; and it is felt where a motion begins."""
     whole, first = (leaves(drift.carry(P, V, time)) for time in (900.0, 500.0))
     there = Vec3(*first[:3]), Vec3(*first[3:])
@@ -37,7 +34,7 @@ def test_motions_follow_one_another(drift: Any, close: float, felt: float) -> No
 @pytest.mark.parametrize(
     "drift", [EllipticOrbit(N, 0.1, 1.3), EllipticOrbit(N, 0.7, 1.3), PERTURBED]
 )
-def test_single_precision_keeps_the_digits_of_short_times(drift: Any) -> None:
+def test_single_precision_keeps_the_digits_of_short_times(drift):
     """The way in 0.1 s of a craft at 500 m is 1 cm: its error is that of the position's last digit."""
     numbers = torch.tensor([500.0, -300.0, 200.0, 0.1, -0.05, 0.02], dtype=torch.float32)
     results = []

@@ -1,17 +1,14 @@
 """Uneven orbits in Drake: faulty craft that are pushed fly alike in the engine and in Drake."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from rans_missions.orbits.elliptic import EllipticOrbit
 from rans_missions.orbits.perturbed import PerturbedOrbit
 
+from rans import ConfigError
 from rans.effectors.motion import states_at_checks
-from rans.errors import ConfigError
 from rans.model.dynamics import Wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.reference.flight import rows_from_states, states_from_rows
@@ -33,21 +30,19 @@ OBLATE = PerturbedOrbit(0.11, 1e-4, 0.9, 1e-3, 0.0)
         (2, "few counts", replace(OBLATE, inclination=0.0)),
     ],
 )
-def test_unsteady_orbits_and_faulty_craft_that_are_pushed_fly_alike(
-    dimension: Any, kind: str, own: Any
-) -> None:
+def test_unsteady_orbits_and_faulty_craft_that_are_pushed_fly_alike(dimension, kind, own):
     """Both craft are at other places of an orbit that lasts a minute; pulses and substeps divide its periods."""
     built = world(dimension, "orbit", ACTUATORS[kind])
     places = np.array([0.3, 2.0])
-    drift: Any = replace(own, angle=places)
-    push: Any = (
+    drift = replace(own, angle=places)
+    push = (
         Wrench(Vec2(0.02, -0.03), 0.004)
         if dimension == 2
         else Wrench(Vec3(0.02, -0.03, 0.01), Vec3(0.004, 0.002, -0.003))
     )
     disturbances = np.tile(leaves(push), (COUNT, 1))
     plant = Plant(built.craft, COUNT, 0.005, built.body, own)
-    state: Any = random_states(dimension, COUNT, 3, speed=0.1, spin=0.1)
+    state = random_states(dimension, COUNT, 3, speed=0.1, spin=0.1)
     rows = rows_from_states(state)
     commands = np.random.default_rng(2).integers(0, 2, (6, COUNT, len(built.craft.thrusters)))
     for k, command in enumerate(commands):
@@ -66,7 +61,7 @@ def test_unsteady_orbits_and_faulty_craft_that_are_pushed_fly_alike(
 
 
 @pytest.mark.parametrize("own", [ELLIPSE, OBLATE])
-def test_a_plant_refuses_another_orbit(own: Any) -> None:
+def test_a_plant_refuses_another_orbit(own):
     craft = nasty_spatial()
     still = np.zeros((1, craft.command_count))
     plant = Plant(craft, drift=own)

@@ -24,7 +24,7 @@ def carried(drift: Any, p: np.ndarray, v: np.ndarray, time: float) -> np.ndarray
     return np.stack(drift.carry(Vec3(*p.T), Vec3(*v.T), time)[0].columns(), axis=1)
 
 
-def test_coasts_agree_with_both_craft_integrated_by_themselves() -> None:
+def test_coasts_agree_with_both_craft_integrated_by_themselves():
     """Positions of target and craft about the Earth's centre, J2 as the gradient of its potential, and air.
 
     Nothing is shared with the package but the constants and the start of the target, and the air has one scale
@@ -35,7 +35,7 @@ def test_coasts_agree_with_both_craft_integrated_by_themselves() -> None:
     k = PerturbedOrbit.around_earth(N, tilt).oblateness
     base = RADIUS - EARTH_RADIUS
 
-    def pull(r: np.ndarray, v: np.ndarray, drag: float) -> np.ndarray:
+    def pull(r, v, drag):
         size = math.sqrt(r @ r)
         # The potential mu/r - mu J2 R^2 (3 z^2 - r^2) / (2 r^5), term by term.
         outer = EARTH * J2 * EARTH_RADIUS**2
@@ -45,11 +45,11 @@ def test_coasts_agree_with_both_craft_integrated_by_themselves() -> None:
         air = 6.967e-13 * math.exp((base - (size - EARTH_RADIUS)) / height)
         return -EARTH / size**3 * r + oblate - 0.5 * drag * air * math.sqrt(wind @ wind) * wind
 
-    def slope(_: float, y: np.ndarray) -> np.ndarray:
+    def slope(_, y):
         r, v, r_2, v_2 = y.reshape(4, 3)
         return np.concatenate([v, pull(r, v, drags[0]), v_2, pull(r_2, v_2, drags[1])])
 
-    def frame(r: np.ndarray, v: np.ndarray) -> np.ndarray:
+    def frame(r, v):
         x = r / np.linalg.norm(r)
         z = np.cross(r, v) / np.linalg.norm(np.cross(r, v))
         return np.stack([x, np.cross(z, x), z], axis=1)

@@ -1,24 +1,21 @@
 """Frames that turn unevenly: craft that nothing turns; Drake flies the others."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rans_missions.orbits.elliptic import EllipticOrbit
 
+from rans import Timing
 from rans.effectors.motion import held
 from rans.model.body import Body
-from rans.model.drift import Drift
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 
 N = 0.001027
 """rad/s, a low orbit."""
 
 
-def test_a_craft_that_nothing_turns_is_held_in_w_where_it_stands() -> None:
+def test_a_craft_that_nothing_turns_is_held_in_w_where_it_stands():
     """On an ellipse W turns unevenly, and a point has no attitude of its own; with a spin it is a free body."""
     point, other = load_spacecraft("afrl-deputy"), load_spacecraft("free-flyer")
     zero = np.zeros(2)
@@ -33,7 +30,7 @@ def test_a_craft_that_nothing_turns_is_held_in_w_where_it_stands() -> None:
     timing = Timing(control_period=10.0, substeps=1)
     angles = []
     for craft in (point, other):
-        now: Drift = drift
+        now = drift
         after = state
         for _ in range(60):
             shut = (zero,) * craft.command_count

@@ -9,12 +9,10 @@ import pytest
 from rans_missions.slosh.swinging import rod_rate
 
 import rans
+from rans import GoToPose, Spacecraft, Timing
 from rans.flight import Flight, fly, outran
 from rans.model.fields import unflatten
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from tests.support.pair_oracle import Oracle
 from tests.support.slosh import IN_SPACE, IN_SPACE_SLOSH, SLOSH, SLOSHING, slosh_of
 from validation.study.sampling import Restless, gaps
@@ -63,18 +61,18 @@ def agrees(flight: Flight) -> None:
 
 
 @pytest.mark.parametrize("name", ["page", "page in space"])
-def test_a_liquid_moves_as_scipy_says(name: str) -> None:
+def test_a_liquid_moves_as_scipy_says(name):
     agrees(restless(CRAFTS[name], 0, 3.0, Timing(0.2)))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("name", CRAFTS)
-def test_ten_seconds_of_a_liquid_are_within_the_stated_bound(name: str, seed: int) -> None:
+def test_ten_seconds_of_a_liquid_are_within_the_stated_bound(name, seed):
     agrees(restless(CRAFTS[name], seed, 10.0, Timing(0.2)))
 
 
-def test_a_rod_faster_than_the_steps_are_for_warns() -> None:
+def test_a_rod_faster_than_the_steps_are_for_warns():
     """A start whose rod turns at 40 rad/s within steps for 16; with as many substeps as it says nothing is said."""
     craft = CRAFTS["page"]
     timing = Timing(0.2, episode_steps=2)

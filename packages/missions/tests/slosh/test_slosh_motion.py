@@ -10,17 +10,10 @@ import pytest
 import torch
 
 import rans
+from rans import BodyConditions, Conditions, DisturbanceConditions, Spacecraft, Timing
 from rans.flight import fly
 from rans.model.actuators import Wheel
 from rans.model.fields import leaves
-from rans.model.random import Draws
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
-from rans.randomization.conditions import (
-    BodyConditions,
-    Conditions,
-    DisturbanceConditions,
-)
 from rans.reference.flight import fly_in_drake
 from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import commands
@@ -70,15 +63,15 @@ both = pytest.mark.parametrize("liquid", [PLANE, SPACE], ids=["plane", "space"])
 
 @both
 @pytest.mark.parametrize("how", ["free", "wheels and gravity", "drawn"])
-def test_drake_flies_it_alike(liquid: Liquid, how: str) -> None:
+def test_drake_flies_it_alike(liquid, how):
     """A point mass on a revolute or universal joint with friction, in Drake's own multibody equations."""
     is_falling = how == "wheels and gravity"
     craft = replace(liquid.craft, wheels=liquid.wheels if is_falling else ())
     task = liquid.falling if is_falling else rans.GoToPose()
     timing = Timing(episode_steps=12, checks=2)
     starts = scenarios(task, craft, 5, 3)
-    seeds: Draws | None = draws(5, 3) if how == "drawn" else None
-    given: Any = {"conditions": UNEVEN if how == "drawn" else None, "draws": seeds}
+    seeds = draws(5, 3) if how == "drawn" else None
+    given = {"conditions": UNEVEN if how == "drawn" else None, "draws": seeds}
     ours = fly(craft, task, scripted(craft), starts, timing, **given)
     drake = fly_in_drake(craft, task, scripted(craft), starts, timing, **given)
     pairs = [*zip(leaves(ours.states), leaves(drake.states), strict=True)]
@@ -93,10 +86,10 @@ def test_drake_flies_it_alike(liquid: Liquid, how: str) -> None:
 
 
 @both
-def test_engines_step_alike(liquid: Liquid) -> None:
+def test_engines_step_alike(liquid):
     found = {}
     for kind, dtype in (("program", torch.float32), ("plain", torch.float64)):
-        how: Any = {"seed": 3, "plain": kind == "plain", "dtype": dtype}
+        how = {"seed": 3, "plain": kind == "plain", "dtype": dtype}
         engine = rans.Engine(liquid.craft, "go-to-pose", 16, Timing(liquid.period), **how)
         for k in range(6):
             engine.step(torch.from_numpy(commands(liquid.craft, 16, seed=k)).to(dtype))
@@ -108,10 +101,10 @@ def test_engines_step_alike(liquid: Liquid) -> None:
 @both
 @needs_compiler
 @pytest.mark.slow
-def test_a_kernel_steps_as_numpy(liquid: Liquid, on_host: Any) -> None:
+def test_a_kernel_steps_as_numpy(liquid, on_host):
     """The source of the GPU's kernel, compiled for a CPU."""
-    made: Any = (liquid.craft, "go-to-pose", 16, Timing(liquid.period, episode_steps=5))
-    how: Any = {"seed": 3, "dtype": torch.float64}
+    made = (liquid.craft, "go-to-pose", 16, Timing(liquid.period, episode_steps=5))
+    how = {"seed": 3, "dtype": torch.float64}
     ours = rans.Engine(*made, **how)
     theirs = on_host(*made, **how)
     for k in range(7):

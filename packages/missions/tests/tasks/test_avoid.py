@@ -11,6 +11,7 @@ from rans_missions.script import Script
 from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 
+from rans import Timing
 from rans.drawing import columns
 from rans.episode import Setup, World, step
 from rans.flight import fly
@@ -18,7 +19,6 @@ from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, observation
@@ -42,7 +42,7 @@ def entered(task: Avoid, drawn: Any, seconds: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
-def test_zones_never_come_near_start_or_goal(craft: Any) -> None:
+def test_zones_never_come_near_start_or_goal(craft):
     """At any time of an episode, the fastest zones included."""
     task = Avoid(zone_speed=(0.0, 0.3))
     drawn = scenarios(task, craft, seed=3, count=COUNT)
@@ -55,7 +55,7 @@ def test_zones_never_come_near_start_or_goal(craft: Any) -> None:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
-def test_zones_are_in_the_way(craft: Any) -> None:
+def test_zones_are_in_the_way(craft):
     """Radii and speeds fill their ranges; most straight flights to the goal in 12 s would enter a zone."""
     task = Avoid(zone_speed=(0.01, 0.04))
     drawn = scenarios(task, craft, seed=3, count=COUNT)
@@ -68,7 +68,7 @@ def test_zones_are_in_the_way(craft: Any) -> None:
     assert entered(task, drawn, 12.0).mean() > (0.7 if craft is PLATFORM else 0.5)
 
 
-def test_start_and_goal_are_those_of_go_to_pose() -> None:
+def test_start_and_goal_are_those_of_go_to_pose():
     """Zones are drawn after them, so that agents and bounds without zones have the same starts."""
     settings: Any = {"spawn_distance": (2.2, 4.5)}
     here: Any = scenarios(Avoid(**settings), PLATFORM, seed=5, count=16)
@@ -84,7 +84,7 @@ def one_zone(centre: tuple[float, float], velocity: tuple[float, float] = (0.0, 
     return start, replace(goal, notes=Zones((Ball(Vec2(*centre), Vec2(*velocity), 0.2),)))
 
 
-def test_the_reward_at_a_rim_and_inside() -> None:
+def test_the_reward_at_a_rim_and_inside():
     """At the rim the whole price, 0.15 m away 1/e of it, inside no more than at the rim."""
     task = Avoid(zones=1, zone_weight=0.5)
     shut = (0.0,) * 8
@@ -96,7 +96,7 @@ def test_the_reward_at_a_rim_and_inside() -> None:
     assert "zones" not in Avoid(zone_weight=0.0).reward(Transition(start, goal, shut, shut))
 
 
-def test_entering_a_zone_between_two_commands_ends_the_episode() -> None:
+def test_entering_a_zone_between_two_commands_ends_the_episode():
     """At 0.4 m/s the four looks of a period of 0.5 s are 5 cm apart; the zone begins 0.11 m ahead."""
     task = Avoid(zones=1)
     world = World(Setup(PLATFORM, task, Timing(0.5, episode_steps=10, checks=4)))
@@ -114,7 +114,7 @@ def test_entering_a_zone_between_two_commands_ends_the_episode() -> None:
     assert bool(coming.failed)
 
 
-def test_the_observation_has_no_order_of_zones() -> None:
+def test_the_observation_has_no_order_of_zones():
     task = Avoid()
     drawn = scenarios(task, PLATFORM, seed=7, count=64)
     turned = replace(drawn.goal, notes=Zones(drawn.goal.notes.zones[::-1]))
@@ -124,7 +124,7 @@ def test_the_observation_has_no_order_of_zones() -> None:
 
 
 @pytest.mark.parametrize("flying", [fly, fly_in_drake])
-def test_flights_that_enter_are_violated(flying: Any) -> None:
+def test_flights_that_enter_are_violated(flying):
     """Without a command each stays at its start; thrown at the goal straight ahead most meet a zone."""
     task = Avoid(zone_speed=(0.0, 0.0))
     starts = scenarios(task, PLATFORM, seed=1, count=16)
@@ -137,7 +137,7 @@ def test_flights_that_enter_are_violated(flying: Any) -> None:
     assert (flight.verdict.failure()[lost] == Failure.VIOLATED).all()
 
 
-def test_single_precision_knows_where_zones_are() -> None:
+def test_single_precision_knows_where_zones_are():
     """In the plane the part of a direction across the way may be tiny, and its side is all that counts."""
     count = 20_000
     real = [

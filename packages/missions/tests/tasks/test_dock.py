@@ -61,7 +61,7 @@ def system() -> np.ndarray:
 
 
 @pytest.mark.parametrize("time", [10.0, 600.0, 2000.0])
-def test_the_velocity_to_reach_a_point_reaches_it(time: float) -> None:
+def test_the_velocity_to_reach_a_point_reaches_it(time):
     """By the matrix exponential, in space and in the plane."""
     rng = np.random.default_rng(1)
     here, there = rng.uniform(-100, 100, (2, 3))
@@ -73,7 +73,7 @@ def test_the_velocity_to_reach_a_point_reaches_it(time: float) -> None:
     np.testing.assert_allclose(leaves(flat), leaves(v)[:2], rtol=1e-9)
 
 
-def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_does() -> None:
+def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_does():
     task = Dock(gain_weight=1.2, impulse_weight=0.1)
     here = at((0.0, -120.0, 30.0), (0.0,) * 3)
     goal = replace(at((0.0,) * 3, (0.0,) * 3), notes=notes(1000.0))
@@ -92,7 +92,7 @@ def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_
 
 
 @pytest.mark.parametrize("mover", [None, "drake"])
-def test_a_contact_between_two_commands_docks(mover: Any) -> None:
+def test_a_contact_between_two_commands_docks(mover):
     """From 1 m at 0.19 m/s it is within 0.5 m after 3 s, and 0.9 m beyond the target after 10 s."""
     move = None if mover is None else DrakeMover(DEPUTY, TIMING, drift=Dock().drift)
     outcome = flown(Dock(), at((0.0, -1.0, 0.0), (0.0, 0.19, 0.0)), 600.0, move)
@@ -104,7 +104,7 @@ def test_a_contact_between_two_commands_docks(mover: Any) -> None:
     assert outcome.terms["done"].item() == 1.0
 
 
-def test_who_is_late_has_failed() -> None:
+def test_who_is_late_has_failed():
     near = at((0.0, -1.0, 0.0), (0.0, 0.19, 0.0))
     assert flown(Dock(), near, 4.0).done.item()
     late = flown(Dock(), near, 2.0)
@@ -116,7 +116,7 @@ def test_who_is_late_has_failed() -> None:
     assert flown(Dock(), at((0.0, -1001.0, 0.0), (0.0,) * 3), 900.0).failed.item()
 
 
-def test_starts_are_as_documented_or_as_coded() -> None:
+def test_starts_are_as_documented_or_as_coded():
     """46.9 % of 64 starts of AFRL's own code were above the limit; here 4,096 are counted."""
     documented: Any = scenarios(Dock(), DEPUTY, 1, 4096)
     limits = Dock().constraints(documented.start, documented.goal)["speed"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -24,7 +23,7 @@ SHUT = (0.0,) * 8
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])
-def test_the_docked_state_turns_about_the_origin(craft: Any) -> None:
+def test_the_docked_state_turns_about_the_origin(craft):
     """After 20 s it is where SciPy's rotation takes it; its velocity is how its place changes."""
     task = DockPort(port_rate=(0.01, 0.3))
     goal = scenarios(task, craft, seed=2, count=32).goal
@@ -49,7 +48,7 @@ def port_ahead(rate: float = 0.0) -> PlanarState:
     return PlanarState(Vec2(0.65, 0.0), Heading(math.pi), Vec2(0.0, 0.65 * rate), rate)
 
 
-def test_cone_and_target_by_hand() -> None:
+def test_cone_and_target_by_hand():
     task = DockPort()
     apex = 0.55
     state = port_ahead()
@@ -67,7 +66,7 @@ def test_cone_and_target_by_hand() -> None:
     assert target.gap(Vec2(0.0, 0.0)) == pytest.approx(-0.5, abs=1e-8)
 
 
-def test_docked_is_relative_to_the_port() -> None:
+def test_docked_is_relative_to_the_port():
     """A craft that stands still at a turning port is not docked; one that turns with it is."""
     task = DockPort(spin_tolerance=math.radians(1.0))
     goal = port_ahead(rate=0.1)
@@ -80,7 +79,7 @@ def test_docked_is_relative_to_the_port() -> None:
 
 
 @pytest.mark.parametrize(("speed", "docked"), [(0.04, True), (0.06, False)])
-def test_contact_between_two_commands(speed: float, docked: bool) -> None:
+def test_contact_between_two_commands(speed, docked):
     """From 6 cm away it passes the docked position within the period of 2 s, slowly enough or not.
 
     Its looks are 0.5 s or at most 3 cm apart, less than the 4 cm within which it is docked.

@@ -1,7 +1,5 @@
 """Docking with a target on an elliptic orbit: its notes, guidance, Drake, two-body gravity, and who refuses it."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 
@@ -22,7 +20,7 @@ TRANSFER = TargetOrbit(eccentricity=0.5, semi_major_axis_km=13_556.0)
 TASK = Dock(deadline=(600.0, 600.0), orbit=TRANSFER)
 
 
-def test_the_orbit_is_set_in_kilometres_and_degrees() -> None:
+def test_the_orbit_is_set_in_kilometres_and_degrees():
     assert TASK.mean_motion == pytest.approx(math.sqrt(EARTH / 13_556e3**3), rel=1e-12)
     assert isinstance(Dock().drift, ClohessyWiltshire)
     assert Dock().mean_motion == 0.001027
@@ -38,7 +36,7 @@ def test_the_orbit_is_set_in_kilometres_and_degrees() -> None:
         np.testing.assert_allclose(later, 100.0 * task.mean_motion, rtol=1e-9)
 
 
-def test_an_observation_says_where_the_target_is() -> None:
+def test_an_observation_says_where_the_target_is():
     starts = scenarios(TASK, DEPUTY, 5, 2)
     names = [term.name for term in TASK.observation_terms(starts.start, starts.goal)]
     assert names[-2:] == ["cosine of the anomaly", "sine of the anomaly"]

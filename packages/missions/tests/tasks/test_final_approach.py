@@ -29,7 +29,7 @@ def along_orbit(task: FinalApproach, spin: tuple[float, float, float]) -> Any:
     return task.later(replace(goal, attitude=turned, w=rate), 0.0)
 
 
-def test_the_port_turns_about_the_target() -> None:
+def test_the_port_turns_about_the_target():
     """After 500 s it is where SciPy's rotation takes it; its velocity is how its place changes."""
     task = FinalApproach()
     goal = scenarios(task, CHASER, seed=2, count=32).goal
@@ -42,7 +42,7 @@ def test_the_port_turns_about_the_target() -> None:
     np.testing.assert_allclose(np.linalg.norm(columns(goal.p), axis=1), 2.0, atol=1e-12)
 
 
-def test_margins_worked_out_by_hand() -> None:
+def test_margins_worked_out_by_hand():
     """30 m behind the target on its orbit, 4 m beside it at 0.2 m/s, with the port there."""
     task = FinalApproach()
     goal = along_orbit(task, (0.0, 0.0, 0.0))
@@ -61,7 +61,7 @@ def test_margins_worked_out_by_hand() -> None:
     assert task.constraints(at((20.0, -30.0, 0.0), (0.0,) * 3), goal)["cone"].item() < 0.0
 
 
-def test_who_is_at_a_port_that_turns_must_turn_with_it() -> None:
+def test_who_is_at_a_port_that_turns_must_turn_with_it():
     """At 0.05 rad/s the port moves at 0.1 m/s: at rest there it is as fast as the tolerance."""
     task = FinalApproach()
     goal = along_orbit(task, (0.0, 0.0, 0.06))

@@ -28,7 +28,7 @@ def hold_goal() -> Any:
     return replace(goal, notes=HoldPlan(**vars(goal.notes) | {"held": np.zeros(1) - 1.0}))
 
 
-def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes() -> None:
+def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes():
     """There nothing pulls; 6 m radially outwards it is too far away, and drifts backwards at 1.5 n x."""
     world = World(Setup(CHASER, Hold(), Hold.timing))
     goal = hold_goal()
@@ -44,11 +44,11 @@ def test_at_rest_on_the_orbit_behind_the_target_is_held_after_ten_minutes() -> N
     assert away.episode.goal.notes.held.item() < 0.0
 
 
-def test_an_arrival_counts_from_before_the_deadline_and_again_after_every_excursion() -> None:
+def test_an_arrival_counts_from_before_the_deadline_and_again_after_every_excursion():
     task = Hold()
     inside, outside = (at((0.0, y, 0.0), (0.0,) * 3) for y in (-101.0, -106.0))
 
-    def after(goal: Any, state: Any, seconds: float) -> Any:
+    def after(goal, state, seconds):
         return task.remember(task.later(goal, seconds), state)
 
     # Out for a moment after 590 s: the ten minutes begin anew.
@@ -67,7 +67,7 @@ def test_an_arrival_counts_from_before_the_deadline_and_again_after_every_excurs
     assert not task.done(inside, after(too_late, inside, 700.0)).item()
 
 
-def test_the_ball_is_kept_out_of_between_two_commands() -> None:
+def test_the_ball_is_kept_out_of_between_two_commands():
     """Along a chord that passes the target at 40 m, of which both ends are outside."""
     world = World(Setup(CHASER, Hold(), Hold.timing))
     goal = hold_goal()
@@ -80,7 +80,7 @@ def test_the_ball_is_kept_out_of_between_two_commands() -> None:
     assert np.linalg.norm(leaves(crossed.episode.state.p)) > 50.0
 
 
-def test_a_way_around_the_ball_is_found_and_costs_more_than_the_bound() -> None:
+def test_a_way_around_the_ball_is_found_and_costs_more_than_the_bound():
     """From the far side the cheapest way leads through the ball."""
     task = Hold(deadline=(300.0, 300.0))
     (one,) = each(scenarios(task, CHASER, 1, 1))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from hypothesis import given, settings
@@ -29,7 +28,7 @@ def goal(task: Inspect, sun: float) -> SpatialState:
     return replace(at(0.0, 0.0, 0.0), notes=Inspected(sun, 0.0, (0.0,) * words))
 
 
-def test_each_point_is_judged_by_angles() -> None:
+def test_each_point_is_judged_by_angles():
     """Against angles computed at every point, with cones of 60 and 40 degrees."""
     task = Inspect(view_degrees=60.0, light_degrees=40.0)
     sun = 0.7
@@ -51,10 +50,10 @@ def test_each_point_is_judged_by_angles() -> None:
         max_size=4,
     )
 )
-def test_what_was_seen_stays_seen(looks: list[tuple[float, float, float]]) -> None:
+def test_what_was_seen_stays_seen(looks):
     """The bits hold the union of what is visible at every check, in single precision."""
     task = Inspect()
-    now: Any = goal(task, 0.0)
+    now = goal(task, 0.0)
     union = np.zeros(100, bool)
     for azimuth, elevation, sun in looks:
         across = 40.0 * math.cos(elevation)
@@ -75,7 +74,7 @@ def test_what_was_seen_stays_seen(looks: list[tuple[float, float, float]]) -> No
     assert np.allclose(lit.columns(), normals[bright].sum(axis=0) / 100, atol=1e-12)
 
 
-def test_the_sun_turns_once_an_orbit_against_the_motion() -> None:
+def test_the_sun_turns_once_an_orbit_against_the_motion():
     task = Inspect()
     period = 2.0 * math.pi / task.mean_motion
     sun = task.sun(task.later(goal(task, 0.3), 0.25 * period))
@@ -84,7 +83,7 @@ def test_the_sun_turns_once_an_orbit_against_the_motion() -> None:
     )
 
 
-def test_the_mission_is_won_with_95_points() -> None:
+def test_the_mission_is_won_with_95_points():
     task = Inspect()
     for count, won in ((95, False), (96, True)):
         notes = replace(goal(task, 0.0).notes, count=float(count))

@@ -53,7 +53,7 @@ def flown(flying: Any, start: Any, throttle: float, steps: int) -> Flight:
 
 
 @both_engines
-def test_the_rocket_equation(flying: Any) -> None:
+def test_the_rocket_equation(flying):
     """10 s of most thrust: 67.4 kg, 1966 m/s ln(1905 / 1837.6) - 37.1 m/s = 33.7 m/s."""
     flight = flown(flying, above(3000.0, 0.0), 0.8, 20)
     left = MASS - FLOW * 10.0
@@ -66,7 +66,7 @@ def test_the_rocket_equation(flying: Any) -> None:
 
 @pytest.mark.slow
 @both_engines
-def test_the_burn_at_the_last_moment_lands(flying: Any) -> None:
+def test_the_burn_at_the_last_moment_lands(flying):
     """Most thrust all the way, from where it stops 0.2 m above the ground after 20 s: closed forms."""
     time = 20.0
     left = MASS - FLOW * time
@@ -85,14 +85,14 @@ def test_the_burn_at_the_last_moment_lands(flying: Any) -> None:
 
 
 @pytest.mark.parametrize(("degrees", "lost"), [(39.0, False), (41.0, True)])
-def test_a_tilt_beyond_the_limit_is_lost(degrees: float, lost: bool) -> None:
+def test_a_tilt_beyond_the_limit_is_lost(degrees, lost):
     half = 0.5 * math.radians(degrees)
     start = above(1000.0, 10.0, Quat(math.cos(half), math.sin(half), 0.0, 0.0))
     assert flown(fly, start, 0.5, 1).failed().tolist() == [lost]
 
 
 @pytest.mark.parametrize(("height", "lost"), [(7.1, False), (6.7, True)])
-def test_below_the_glide_slope_is_lost(height: float, lost: bool) -> None:
+def test_below_the_glide_slope_is_lost(height, lost):
     """Seen from the rim of the site, 1 m, a craft 100 m away is at 4 degrees 6.92 m above the ground."""
     start = above(height, 0.0, aside=100.0)
     # A hover: 1905 kg weigh 7070 N, 16,573 N are full thrust; nothing moves by more than 0.1 m in half a second.
@@ -100,7 +100,7 @@ def test_below_the_glide_slope_is_lost(height: float, lost: bool) -> None:
     assert flight.failed().tolist() == [lost]
 
 
-def test_starts_are_those_of_the_publication_and_around() -> None:
+def test_starts_are_those_of_the_publication_and_around():
     starts: Any = scenarios(TASK, LANDER, seed=3, count=2000).start
     distance = np.hypot(starts.p.x, starts.p.y)
     away = (starts.p.x * starts.v.x + starts.p.y * starts.v.y) / distance

@@ -1,9 +1,6 @@
 """Missions near a target around the oblate Earth, with drag: settings, Drake."""
 
-from __future__ import annotations
-
 from dataclasses import replace
-from typing import Any
 
 import pytest
 from rans_missions.orbits.perturbed import PerturbedOrbit
@@ -20,7 +17,7 @@ LOW = TargetOrbit(oblate=True, inclination_degrees=51.6, target_drag=4e-6, balli
 """Ten times the drag at 500 km, so that it shows within a minute."""
 
 
-def test_the_orbit_is_set_by_numbers_of_the_target() -> None:
+def test_the_orbit_is_set_by_numbers_of_the_target():
     drift = Dock(orbit=LOW).drift
     assert isinstance(drift, PerturbedOrbit)
     # 1.5 J2 of the Earth (0.0016239), by the square of its radius over that of the orbit.
@@ -35,12 +32,12 @@ def test_the_orbit_is_set_by_numbers_of_the_target() -> None:
 
 
 @pytest.mark.parametrize("kind", [Dock, Hold, Rendezvous])
-def test_goals_know_where_the_target_is(kind: Any) -> None:
+def test_goals_know_where_the_target_is(kind):
     task = kind(orbit=LOW)
     rest = SpatialState(
         Vec3(0.0, 0.0, 0.0), Quat(1.0, 0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0), Vec3(0.0, 0.0, 0.0)
     )
-    goal: Any = replace(rest, notes=task.goal_notes(600.0, 600.0, 0.0, 1.5))
+    goal = replace(rest, notes=task.goal_notes(600.0, 600.0, 0.0, 1.5))
     assert task.drift_at(goal).angle == 1.5
     later = task.later(goal, 100.0)
     # The rate is that of the mean motion, and oblateness changes it by less than two thousandths of it.

@@ -1,9 +1,6 @@
 """Rendezvous: hand-worked margins of its cone, and starts, also those of hold."""
 
-from __future__ import annotations
-
 import math
-from typing import Any
 
 import pytest
 from rans_missions.tasks import Hold, Rendezvous
@@ -13,7 +10,7 @@ from rans.scenario import scenarios
 from tests.support.orbit_states import at, goal_of
 
 
-def test_the_cone_opens_behind_the_target_and_ends_at_100_m() -> None:
+def test_the_cone_opens_behind_the_target_and_ends_at_100_m():
     """Its apex is 2 m before the target: a ball of 1 m fits between its sides there."""
     task = Rendezvous()
     goal = goal_of((0.0, 0.0, 0.0))
@@ -25,8 +22,8 @@ def test_the_cone_opens_behind_the_target_and_ends_at_100_m() -> None:
 
 
 @pytest.mark.parametrize("task", [Hold(), Rendezvous()], ids=["hold", "rendezvous"])
-def test_starts_keep_every_limit_and_plans_come_before_deadlines(task: Any) -> None:
-    starts: Any = scenarios(task, load_spacecraft(task.spacecraft), 1, 512)
+def test_starts_keep_every_limit_and_plans_come_before_deadlines(task):
+    starts = scenarios(task, load_spacecraft(task.spacecraft), 1, 512)
     for margin in task.constraints(starts.start, starts.goal).values():
         assert margin.min() > 0.0
     assert not task.done(starts.start, starts.goal).any()

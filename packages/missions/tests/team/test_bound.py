@@ -31,7 +31,7 @@ GOAL: Any = SpatialState(STILL, LEVEL, STILL, STILL, notes=Inspected(0.5, 0.0, (
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_the_cheapest_division_is_that_of_all_divisions(seed: int) -> None:
+def test_the_cheapest_division_is_that_of_all_divisions(seed):
     """Six points, of which four are asked; each of three deputies pays for the dearest that it sees."""
     rng = np.random.default_rng(seed)
     prices = rng.uniform(0.0, 1.0, (3, 6)).round(1)
@@ -46,7 +46,7 @@ def test_the_cheapest_division_is_that_of_all_divisions(seed: int) -> None:
     assert _divided(prices, list(least), 4, math.inf) == pytest.approx(best, abs=1e-12)
 
 
-def test_no_flight_that_programs_find_is_cheaper_than_the_bound() -> None:
+def test_no_flight_that_programs_find_is_cheaper_than_the_bound():
     """Three deputies from three starts, at ends of many times; the cheapest ones are near the bound."""
     task = InspectTeam()
     starts: Any = scenarios(task, DEPUTY, seed=2023, count=9)
@@ -74,7 +74,7 @@ def test_no_flight_that_programs_find_is_cheaper_than_the_bound() -> None:
 
 
 @pytest.mark.parametrize("is_uneven", [False, True])
-def test_a_stay_with_a_point_costs_no_more_than_programs_find(is_uneven: bool) -> None:
+def test_a_stay_with_a_point_costs_no_more_than_programs_find(is_uneven):
     """A deputy that drifts away and burns every 100 s stays in a prism inside the zone and sees one point.
 
     The uneven one has four thrusters, one of them against its drift.

@@ -1,7 +1,5 @@
 """Coasts of deputies after a failure, against orbits in closed form, and flights of teams beside their bound."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rans_missions.team.coasts import coasts_apart
@@ -10,7 +8,7 @@ from rans_missions.team.command import team
 N = 0.001027
 
 
-def test_coasts_in_two_body_gravity_come_together_as_by_hand() -> None:
+def test_coasts_in_two_body_gravity_come_together_as_by_hand():
     """Deputies 60 m behind and 100 m ahead of the target on its orbit stay where they are, to its curvature.
 
     One that is slower by dv drifts ahead by 3 T dv in a period T (Clohessy and Wiltshire).
@@ -30,7 +28,7 @@ def test_coasts_in_two_body_gravity_come_together_as_by_hand() -> None:
 
 
 @pytest.mark.slow
-def test_teams_succeed_apart_and_above_their_bound() -> None:
+def test_teams_succeed_apart_and_above_their_bound():
     flown = team(deputies=2, episodes=2)
     assert flown.succeeded.all()
     assert not flown.broken.any()

@@ -1,7 +1,5 @@
 """PettingZoo's own tests of its interface, where it is installed."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 
@@ -11,7 +9,7 @@ pettingzoo_test = pytest.importorskip(
 
 
 @pytest.mark.parametrize("deputies", [1, 3])
-def test_pettingzoo_accepts_the_team(deputies: int) -> None:
+def test_pettingzoo_accepts_the_team(deputies):
     from rans_missions.team.parallel_env import TeamEnv
     from rans_missions.team.task import InspectTeam
 
@@ -20,7 +18,7 @@ def test_pettingzoo_accepts_the_team(deputies: int) -> None:
     pettingzoo_test.parallel_seed_test(lambda: TeamEnv(task), num_cycles=20)
 
 
-def test_a_team_ends_together_and_says_how() -> None:
+def test_a_team_ends_together_and_says_how():
     from rans_missions.team.parallel_env import TeamEnv
 
     env = TeamEnv()

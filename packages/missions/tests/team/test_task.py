@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import pytest
 import torch
 from rans_missions.tasks import Inspect
 from rans_missions.team.task import InspectTeam
 
-from rans.errors import ConfigError
-from rans.fast.engine import Engine
+from rans import ConfigError, Engine
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
@@ -25,9 +22,9 @@ def random_actions(size: int, steps: int) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("plain", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_a_team_has_seen_what_any_of_its_deputies_has(plain: bool) -> None:
+def test_a_team_has_seen_what_any_of_its_deputies_has(plain):
     """Three teams of three beside nine craft alone, for 100 periods without an end, from the same starts."""
-    far: Any = {"fail_distance": 1e6, "keep_out": 11.0}
+    far = {"fail_distance": 1e6, "keep_out": 11.0}
     team = Engine(DEPUTY, InspectTeam(**far, keep_apart=1e-3), 9, seed=4, plain=plain)
     alone = Engine(DEPUTY, Inspect(**far), 9, seed=4, plain=plain)
     for mine, theirs in zip(leaves(alone.goal.notes), leaves(team.goal.notes), strict=True):
@@ -46,7 +43,7 @@ def test_a_team_has_seen_what_any_of_its_deputies_has(plain: bool) -> None:
     assert not torch.equal(words, theirs)
 
 
-def test_one_deputy_that_fails_ends_its_team_alone() -> None:
+def test_one_deputy_that_fails_ends_its_team_alone():
     """Deputy 4 is carried to 5 m from deputy 3: both of its mates end, and the other teams go on."""
     engine = Engine(DEPUTY, InspectTeam(), 9, seed=4)
     for axis in (0, 1, 2):
@@ -59,7 +56,7 @@ def test_one_deputy_that_fails_ends_its_team_alone() -> None:
     assert torch.equal(sun, sun[:, :1].expand(3, 3))
 
 
-def test_deputies_start_apart_and_within_the_range() -> None:
+def test_deputies_start_apart_and_within_the_range():
     """10 m apart, from 50 to 100 m away; one deputy starts as a craft alone."""
     starts = scenarios(InspectTeam(), DEPUTY, seed=1, count=3_000).start
     p = np.array(starts.p.columns()).T.reshape(-1, 3, 3)
@@ -72,7 +69,7 @@ def test_deputies_start_apart_and_within_the_range() -> None:
     assert np.array_equal(leaves(one.start), leaves(other.start))
 
 
-def test_what_is_no_team_is_refused() -> None:
+def test_what_is_no_team_is_refused():
     with pytest.raises(ConfigError, match="from 1 to 3, got 4"):
         InspectTeam(deputies=4)
     with pytest.raises(ConfigError, match="lower keep_apart"):

@@ -13,11 +13,11 @@ import numpy as np
 import pytest
 from rans_robot.fmu.export import write_fmu
 
+from rans import ConfigError
 from rans.cli import main
 from rans.deploy.export import write_export
 from rans.deploy.program import Ports
 from rans.episode import Setup
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.policy.program import Program
@@ -33,14 +33,14 @@ PERIOD = 0.2
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("fmu") / "agent"
     write_export(pretrained_folder("go-to-pose-2d"), folder, "fmu", episodes=8)
     return folder
 
 
 @pytest.fixture
-def unit(folder: Path) -> Iterator[Any]:
+def unit(folder) -> Iterator[Any]:
     """The unit, ready for its first step."""
     unzipped = fmpy.extract(str(folder / "agent.fmu"))
     about = fmpy.read_model_description(unzipped)
@@ -64,7 +64,7 @@ def stepped(unit: Any, observation: np.ndarray, time: float, step: float = PERIO
     return np.array(unit.getReal(list(range(10, 18))))
 
 
-def test_fmpy_finds_no_problem(folder: Path) -> None:
+def test_fmpy_finds_no_problem(folder):
     """Against the schema of FMI 2.0, and its rules for variables, units and the structure of the model."""
     file = str(folder / "agent.fmu")
     assert validation.validate_fmu(file) == []
@@ -94,7 +94,7 @@ class InOtherHands:
         return command[None]
 
 
-def test_it_flies_as_the_agent(unit: Any) -> None:
+def test_it_flies_as_the_agent(unit):
     """A whole flight in RANS's engine: every command and every state is that of the agent itself."""
     run = load_policy(pretrained_folder("go-to-pose-2d"))
     setup = Setup(run.craft, run.task.for_evaluation(), run.timing)
@@ -104,7 +104,7 @@ def test_it_flies_as_the_agent(unit: Any) -> None:
     np.testing.assert_array_equal(other.commands, own.commands)
 
 
-def test_the_agent_acts_once_a_period_whatever_the_steps(folder: Path, unit: Any) -> None:
+def test_the_agent_acts_once_a_period_whatever_the_steps(folder, unit):
     """A step within a period changes nothing, and a restart begins anew."""
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
     rows = np.array(pairs["observation"], np.float32)
@@ -120,7 +120,7 @@ def test_the_agent_acts_once_a_period_whatever_the_steps(folder: Path, unit: Any
     np.testing.assert_array_equal(stepped(unit, first, 5.0), begun)
 
 
-def test_readings_that_are_none_are_held_and_then_shut(folder: Path, unit: Any) -> None:
+def test_readings_that_are_none_are_held_and_then_shut(folder, unit):
     """The watchdogs of the C export stand around the agent here too; notes has its flags (agent.h)."""
     pairs = json.loads((folder / "golden.json").read_text("utf-8"))
     row = np.array(pairs["observation"][[*map(any, pairs["command"])].index(True)])
@@ -134,7 +134,7 @@ def test_readings_that_are_none_are_held_and_then_shut(folder: Path, unit: Any) 
 
 
 @pytest.mark.slow
-def test_the_same_agent_gives_the_same_bytes(folder: Path, tmp_path: Path) -> None:
+def test_the_same_agent_gives_the_same_bytes(folder, tmp_path):
     again = tmp_path / "agent"
     write_export(pretrained_folder("go-to-pose-2d"), again, "fmu", episodes=8)
     one, other = (zipfile.ZipFile(made / "agent.fmu") for made in (folder, again))
@@ -143,13 +143,13 @@ def test_the_same_agent_gives_the_same_bytes(folder: Path, tmp_path: Path) -> No
         assert one.read(name) == other.read(name), name
 
 
-def test_an_agent_without_a_contract_is_refused(tmp_path: Path) -> None:
+def test_an_agent_without_a_contract_is_refused(tmp_path):
     with pytest.raises(ConfigError, match="need a contract"):
         write_fmu(tmp_path, Program(), Ports(10, 8), "it", "")
 
 
 @pytest.mark.slow
-def test_the_command_writes_it(tmp_path: Path) -> None:
+def test_the_command_writes_it(tmp_path):
     line = f"export pretrained:go-to-pose-2d --format fmu --episodes 8 --output {tmp_path}/mine"
     assert main(line.split()) == 0
     assert validation.validate_fmu(f"{tmp_path}/mine/agent.fmu") == []

@@ -12,7 +12,7 @@ from rans_robot.identify.log import FlightLog, checked_log, read_csv
 from rans_robot.identify.motion import windows_of
 
 import rans
-from rans.errors import ConfigError
+from rans import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -33,26 +33,26 @@ def still(time: Callable[[int], float], count: int = 60) -> list[str]:
 @pytest.mark.parametrize(
     ("zeros", "sentence"), [(1, "without a time stamp"), (3, "must .* ascend")]
 )
-def test_messages_before_the_clock_are_refused(zeros: int, sentence: str, tmp_path: Path) -> None:
+def test_messages_before_the_clock_are_refused(zeros, sentence, tmp_path):
     """Those of a recorder with simulated time are stamped 0 until the first /clock."""
     file = csv_file(tmp_path, still(lambda k: 0.0 if k < zeros else 1.7e9 + 0.2 * k))
     with pytest.raises(ConfigError, match=sentence):
         checked_log(read_csv(file, PLATFORM), PLATFORM)
 
 
-def test_a_log_that_begins_at_zero_keeps_its_first_line(tmp_path: Path) -> None:
+def test_a_log_that_begins_at_zero_keeps_its_first_line(tmp_path):
     log = read_csv(csv_file(tmp_path, still(lambda k: 0.2 * k)), PLATFORM)
     assert len(log.times) == 60
     assert len(log.notes) == 1
 
 
-def test_columns_that_are_not_read_are_named_and_need_no_numbers(tmp_path: Path) -> None:
+def test_columns_that_are_not_read_are_named_and_need_no_numbers(tmp_path):
     rows = [f"{row},manual" for row in still(lambda k: 0.2 * k)]
     log = read_csv(csv_file(tmp_path, rows, HEADER + ",Mode"), PLATFORM)
     assert any("not read: 'Mode'" in note for note in log.notes)
 
 
-def test_a_log_without_positions_is_refused_in_a_sentence() -> None:
+def test_a_log_without_positions_is_refused_in_a_sentence():
     times = 0.2 * np.arange(60)
     unknown = np.full((60, 3), np.nan)
     level = np.tile([1.0, 0.0, 0.0, 0.0], (60, 1))
@@ -65,7 +65,7 @@ def test_a_log_without_positions_is_refused_in_a_sentence() -> None:
         rans.identify(replace(log, position=np.zeros((60, 3)), attitude=2.0 * level), craft)
 
 
-def test_no_window_reaches_over_a_gap_longer_than_itself() -> None:
+def test_no_window_reaches_over_a_gap_longer_than_itself():
     """Readings of velocity after it belong to no window: the model would need an instant for every 0.02 s of it."""
     times = np.concatenate([0.2 * np.arange(50), 3000.0 + 0.2 * np.arange(50)])
     position = np.zeros((100, 2))

@@ -11,15 +11,15 @@ from rans_robot.identify.log import FlightLog
 from rans_robot.identify.motion import Thrust, predicted
 
 from campaigns.identification import hidden_flights
+from rans import SensorsConditions
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import SensorsConditions
 from rans.randomization.conditions_file import load_conditions
 
 PLATFORM = load_spacecraft("floating-platform")
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "free-flyer", "afrl-12kg"])
-def test_every_quantity_has_a_prior(name: str) -> None:
+def test_every_quantity_has_a_prior(name):
     """Also where all thrusters push through the centre of mass, as those of afrl-12kg: 0.5 of 1 N at 0.2 m."""
     craft = replace(load_spacecraft(name), wheels=())
     parameters = {one.name: one for one in parameters_of(craft)}
@@ -34,7 +34,7 @@ def log_of(commands: np.ndarray, period: float = 0.5) -> FlightLog:
     return FlightLog("log", times, commands, times, still, still[:, 0], still, still[:, 0])
 
 
-def test_a_delayed_ramp_delivers_what_is_worked_by_hand() -> None:
+def test_a_delayed_ramp_delivers_what_is_worked_by_hand():
     """Open from 0.5 s on, 0.1 s late, with a rise of 0.2 s: half of the rise is lost, then every second counts."""
     commands = np.zeros((6, 8))
     commands[1:, 3] = 1.0
@@ -46,7 +46,7 @@ def test_a_delayed_ramp_delivers_what_is_worked_by_hand() -> None:
     assert thrust.delivered(np.array([[2.0]]), late, ramp)[0, 0, 0] == 0.0
 
 
-def test_a_pulse_is_part_of_its_period() -> None:
+def test_a_pulse_is_part_of_its_period():
     craft = load_spacecraft("atmos")
     commands = np.zeros((5, len(craft.commands)))
     commands[1, 0] = 0.3
@@ -58,7 +58,7 @@ def test_a_pulse_is_part_of_its_period() -> None:
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
-def test_the_prediction_is_the_engine_s_motion(name: str) -> None:
+def test_the_prediction_is_the_engine_s_motion(name):
     """The engine has other equations of valves and of motion; its readings have noise of 5 mm and 0.5 degrees."""
     craft = load_spacecraft(name)
     logs, truth = hidden_flights(craft, 2, 6.0, 0.2, seed=3)
@@ -79,7 +79,7 @@ def test_the_prediction_is_the_engine_s_motion(name: str) -> None:
         assert np.abs(spin - log.spin).max() < 0.1
 
 
-def test_hidden_craft_are_found_within_their_intervals() -> None:
+def test_hidden_craft_are_found_within_their_intervals():
     """Errors weighed by their covariance: the sum of 32 squares, below 62.5 in 999 of 1,000 samples."""
     logs, truth = hidden_flights(PLATFORM, 2, 15.0, 0.2, seed=11)
     squares = 0.0
@@ -93,7 +93,7 @@ def test_hidden_craft_are_found_within_their_intervals() -> None:
     assert squares < 62.5
 
 
-def test_windows_of_two_readings_leave_the_noise_of_each_channel_to_itself() -> None:
+def test_windows_of_two_readings_leave_the_noise_of_each_channel_to_itself():
     """Starts then fit more of the positions than of the velocities. 100 readings tell the noise to 10 %.
 
     With degrees of freedom divided among the channels as the readings are, that of positions became 0.17 mm.
@@ -107,7 +107,7 @@ def test_windows_of_two_readings_leave_the_noise_of_each_channel_to_itself() -> 
 
 
 @pytest.mark.slow
-def test_windows_grow_while_the_model_is_right() -> None:
+def test_windows_grow_while_the_model_is_right():
     """A planted error: the log is of a craft whose first two thrusters are exchanged."""
     (log,), (values,) = hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)
     found = fit(PLATFORM, [log])
@@ -123,7 +123,7 @@ def test_windows_grow_while_the_model_is_right() -> None:
     assert wrong.window == WINDOW
 
 
-def test_readings_between_kinks_are_exact() -> None:
+def test_readings_between_kinks_are_exact():
     """A thruster that opens at once in every second period: velocities have kinks at readings."""
     commands = np.zeros((9, 8))
     forward = np.flatnonzero(np.array(PLATFORM.wrench_map)[:, 0] > 0.0)[:1]
@@ -139,7 +139,7 @@ def test_readings_between_kinks_are_exact() -> None:
     )
 
 
-def test_intervals_of_a_log_without_noise_hold_the_truth() -> None:
+def test_intervals_of_a_log_without_noise_hold_the_truth():
     """Errors of the prediction are 1e-4 of its numbers, and were not in the intervals."""
     lab = load_conditions("lab")
     perfect = replace(lab, body=replace(lab.body, mass=1.0), sensors=SensorsConditions())

@@ -12,14 +12,11 @@ from rans_robot.identify.result import Identification
 
 import rans
 from campaigns.identification import hidden_flights
+from rans import LQR, ConfigError, GoToPose, Timing
 from rans.cli import main
-from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 
@@ -30,7 +27,7 @@ def flight() -> FlightLog:
 
 
 @pytest.fixture(scope="module")
-def found(flight: FlightLog) -> Identification:
+def found(flight) -> Identification:
     return rans.identify(flight, PLATFORM)
 
 
@@ -46,12 +43,7 @@ def written(log: FlightLog, file: Path, rates: bool = True) -> Path:
     return file
 
 
-def test_the_command_writes_what_training_reads(
-    flight: FlightLog,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_the_command_writes_what_training_reads(flight, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("COLUMNS", "80")
     file = written(flight, tmp_path / "flight.csv")
     folder = tmp_path / "identified"
@@ -68,8 +60,8 @@ def test_the_command_writes_what_training_reads(
 
 @pytest.mark.parametrize(("origin", "unit"), [(1.7e9, "s"), (-1e4, "ms"), (0.0, "ns")])
 def test_an_answer_depends_on_neither_origin_nor_unit_of_time_nor_order_of_columns(
-    origin: float, unit: str, flight: FlightLog, found: Identification, tmp_path: Path
-) -> None:
+    origin, unit, flight, found, tmp_path
+):
     """Times since 1970 once gave intervals 25 times as wide, without a word."""
     file = written(flight, tmp_path / "flight.csv")
     header, *lines = file.read_text().splitlines()
@@ -86,15 +78,13 @@ def test_an_answer_depends_on_neither_origin_nor_unit_of_time_nor_order_of_colum
     assert again.fit.deviations == pytest.approx(found.fit.deviations, rel=0.01)
 
 
-def test_poses_alone_are_enough(flight: FlightLog, found: Identification, tmp_path: Path) -> None:
+def test_poses_alone_are_enough(flight, found, tmp_path):
     poses = rans.identify(written(flight, tmp_path / "poses.csv", rates=False), PLATFORM)
     assert {one.name for one in poses.channels()} == {"position", "attitude"}
     assert poses.fit.deviations[0] > found.fit.deviations[0]
 
 
-def test_a_planar_moment_above_twice_the_sheet_s_is_written(
-    found: Identification, tmp_path: Path
-) -> None:
+def test_a_planar_moment_above_twice_the_sheet_s_is_written(found, tmp_path):
     """As after a ring of batteries was mounted; with the sheet's other moments no rigid body has it."""
     values = found.fit.values.copy()
     values[PLATFORM.thruster_count] = 2.5 * PLATFORM.inertia[2][2]
@@ -103,7 +93,7 @@ def test_a_planar_moment_above_twice_the_sheet_s_is_written(
     assert craft.inertia[2][2] == pytest.approx(2.5 * PLATFORM.inertia[2][2])
 
 
-def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable(flight: FlightLog) -> None:
+def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable(flight):
     random = np.random.default_rng(0)
     log = flight
     still = replace(log, commands=np.zeros_like(log.commands))
@@ -120,7 +110,7 @@ def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable(flight: Flig
 
 
 @pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
-def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
+def test_the_table_of_a_flight_is_a_log(name, tmp_path):
     craft = load_spacecraft(name)
     task = GoToPose()
     starts = scenarios(task, craft, 3, 1)
@@ -134,19 +124,15 @@ def test_the_table_of_a_flight_is_a_log(name: str, tmp_path: Path) -> None:
     assert spin == pytest.approx(states.spin()[-1][:, 0], rel=1e-6, abs=1e-8)
 
 
-def test_the_log_of_another_craft_is_refused(flight: FlightLog) -> None:
+def test_the_log_of_another_craft_is_refused(flight):
     with pytest.raises(ConfigError, match="another spacecraft"):
         rans.identify(flight, "free-flyer")
 
 
 @pytest.mark.parametrize("column", ["heading", "x and y", "spin", "feet"])
 def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_written(
-    column: str,
-    flight: FlightLog,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+    column, flight, tmp_path, monkeypatch, capsys
+):
     """A heading or spin in degrees, columns of the wrong order, and positions in feet beside velocities in m/s."""
     wrong = replace(flight, attitude=np.degrees(flight.attitude))
     if column == "x and y":
@@ -166,9 +152,7 @@ def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_writ
             rans.identify(file, PLATFORM)
 
 
-def test_commands_that_were_applied_before_they_are_named(
-    flight: FlightLog, found: Identification
-) -> None:
+def test_commands_that_were_applied_before_they_are_named(flight, found):
     """A column that says what was just applied: forces were 5 to 11 % too small, and training was advised."""
     assert found.fit.values[0] == pytest.approx(PLATFORM.thrusters[0].force, rel=0.5)
     late = replace(flight, command_times=flight.command_times + flight.period)
@@ -176,7 +160,7 @@ def test_commands_that_were_applied_before_they_are_named(
         rans.identify(late, PLATFORM)
 
 
-def test_what_flights_of_the_craft_leave_is_noise(found: Identification) -> None:
+def test_what_flights_of_the_craft_leave_is_noise(found):
     # Nor is there anything to explain where nothing acts and no sensor errs.
     times = 0.2 * np.arange(60)
     still = np.zeros((60, 2))
@@ -190,7 +174,7 @@ def test_what_flights_of_the_craft_leave_is_noise(found: Identification) -> None
 
 @pytest.mark.slow
 @pytest.mark.parametrize("order", [[1, 2, 3, 0], [0, -1, -2, -3]])
-def test_quaternions_of_another_order_are_not_explained(order: list[int]) -> None:
+def test_quaternions_of_another_order_are_not_explained(order):
     """With the scalar last, or from world to body."""
     craft = load_spacecraft("free-flyer")
     (log,), _ = hidden_flights(craft, 1, 8.0, 0.2, seed=5)
