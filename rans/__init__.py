@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.pilot import Pilot as Pilot
     from rans.executors import run_on as run_on
     from rans.fast.engine import Engine as Engine
-    from rans.fast.envs.sb3 import SB3VecEnv as SB3VecEnv
     from rans.fast.envs.single import SpacecraftEnv as SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv as SpacecraftVectorEnv
     from rans.fast.learn.config import PPOSettings as PPOSettings
