@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.extend import (
     Ball,
@@ -29,6 +29,9 @@ from rans_missions.guidance.arrival import PLANS, best_arrival, whole_periods
 from rans_missions.guidance.few_burns import ArrivalTolerance, Transfer, cheapest_transfer
 from rans_missions.guidance.impulses import axis_price
 from rans_missions.orbits.reach import velocity_to_reach
+
+if TYPE_CHECKING:
+    from rans_missions.tasks.orbital import OrbitalMission
 
 _COAST_POINTS = 7
 """Number of points of a coast whose distance from keep-out balls is computed: a coast of a third of an orbit turns
@@ -72,50 +75,30 @@ class OrbitalGuidance(ABC):
     States and goals have a position `p` and a velocity `v` in W; times are in seconds.
 
     Args:
+        mission: its tolerances, brake and reserves, control period, and largest speed.
         drift: motion of a free point on the orbit.
         limits: limits of the mission at rest in W: coasts go around balls, velocities are scaled below speed
             limits, whose margin at rest is the allowed speed, and plans have a price for violating others.
-        mean_motion: mean motion n of the orbit, rad/s.
-        period: control period, s.
-        position_tolerance: distance from the goal that counts as reached, m.
-        velocity_tolerance: speed that counts as reached, m/s.
-        brakes: whether the craft brakes at the arrival.
-        braking: acceleration along each axis with which it brakes, m/s^2.
-        braking_time: time between the latest planned arrival and the deadline of a craft that brakes, s.
-        speed_reserve: part of a speed limit by which speeds stay below it.
-        keep_out_reserve: distance that coasts keep from balls, m.
-        largest_speed: upper bound of every speed, m/s.
-        shortest: least time of a coast, s.
-        pushes: number of times that a coast is moved out of each ball: moved once, it is nearest elsewhere.
     """
 
+    mission: OrbitalMission
     drift: Drift
     limits: tuple[Shape, ...]
-    mean_motion: float
-    period: float
-    position_tolerance: float
-    velocity_tolerance: float
-    brakes: bool
-    braking: float
-    braking_time: float
-    speed_reserve: float
-    keep_out_reserve: float
-    largest_speed: float
-    shortest: float
-    pushes: int = 1
+    pushes: ClassVar[int] = 1
+    """Number of times that a coast is moved out of each ball: moved once, it is nearest elsewhere."""
 
     def arrival(self, start: Any, goal: Any, deadline: Field) -> Field:
         """The time of arrival with the least price among whole control periods up to the deadline, s.
 
         Drawn goals have it in their notes: another price makes other episodes of the same seed.
         """
-        latest = whole_periods(
-            deadline - self.braking_time if self.brakes else deadline, self.period
-        )
+        period = self.mission.timing.control_period
+        end = deadline - self.mission.braking_time if self.mission.brakes else deadline
+        latest = whole_periods(end, period)
         return best_arrival(
             lambda time: self._planned_price(start, goal, time, latest, deadline),
             latest,
-            self.period,
+            period,
             self._plans,
         )
 
@@ -151,7 +134,7 @@ class OrbitalGuidance(ABC):
 
     def _bounded(self, time: Field) -> Field:
         """A time, s, and the least time of a coast if it is less."""
-        return at_least(time, self.shortest)
+        return at_least(time, self.mission.shortest_aim)
 
     @property
     def _speed_limits(self) -> tuple[SpeedLimit, ...]:
@@ -159,7 +142,7 @@ class OrbitalGuidance(ABC):
 
     def allowed_speed(self, limit: SpeedLimit, p: Any, v: Any) -> Field:
         """Speed limit at a position less the reserve, m/s."""
-        return limit.gap(p, v.scale(0.0)) * (1.0 - self.speed_reserve)
+        return limit.gap(p, v.scale(0.0)) * (1.0 - self.mission.speed_reserve)
 
     def within(self, state: Any, velocity: Any, time: Field) -> Any:
         """A velocity in W, m/s, for a coast of a time, s, changed so far that it keeps balls and speeds."""
@@ -173,7 +156,7 @@ class OrbitalGuidance(ABC):
 
         The direction stays, as plans aim by it.
         """
-        largest: Field = self.largest_speed
+        largest: Field = self.mission.most_gain
         for limit in self._speed_limits:
             allowed = self.allowed_speed(limit, state.p, state.v)
             largest = where(allowed < largest, allowed, largest)
@@ -212,7 +195,7 @@ class OrbitalGuidance(ABC):
         earlier = where(
             earlier > spacing, spacing, where(earlier < -spacing, 0.0 - spacing, earlier)
         )
-        when = at_least(when - earlier, self.shortest)
+        when = at_least(when - earlier, self.mission.shortest_aim)
         p, _ = self.drift.carry(state.p, velocity, when)
         return p - ball.centre, when
 
@@ -220,7 +203,7 @@ class OrbitalGuidance(ABC):
         """Velocity change, m/s, that moves the nearest point of a coast out of a ball."""
         nearest, when = self.nearest(ball, state, velocity, time)
         distance = nearest.norm()
-        inside = at_least(ball.radius + self.keep_out_reserve - distance, 0.0)
+        inside = at_least(ball.radius + self.mission.keep_out_reserve - distance, 0.0)
         return nearest.scale(inside / (at_least(distance, _LEAST_DISTANCE) * when))
 
 
@@ -238,7 +221,7 @@ class SingleImpulse(OrbitalGuidance):
         time = self._bounded(time_left)
         velocity = self._coasting_velocity(state.p, goal, time)
         # The node is that of a circular orbit.
-        if not self.brakes and isinstance(velocity, Vec3) and self.drift.steady:
+        if not self.mission.brakes and isinstance(velocity, Vec3) and self.drift.steady:
             velocity = self._in_plane(state, velocity - state.v, time) + state.v
         return self.within(state, velocity, time)
 
@@ -252,7 +235,7 @@ class SingleImpulse(OrbitalGuidance):
     def _gain_price(self, state: Any, goal: Any, time_left: Field, gain: Any) -> Field:
         """Velocity change of a gain now, m/s, and of braking at the arrival if the craft brakes."""
         price = axis_price(gain)
-        if not self.brakes:
+        if not self.mission.brakes:
             return price
         time = self._bounded(time_left)
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
@@ -297,8 +280,8 @@ class SingleImpulse(OrbitalGuidance):
         """
         # A postponed burn makes the arrival faster, so it is allowed only while the arrival is slow enough.
         _, at_goal = self.drift.carry(state.p, state.v + gain, time)
-        waits = at_goal.norm() < self.velocity_tolerance * _SLOW_ARRIVAL
-        waits = waits & (time > 0.5 * math.pi / self.mean_motion)
+        waits = at_goal.norm() < self.mission.velocity_tolerance * _SLOW_ARRIVAL
+        waits = waits & (time > 0.5 * math.pi / self.mission.mean_motion)
         return replace(gain, z=where(waits, gain.z * 0.0, gain.z))
 
 
@@ -309,13 +292,15 @@ class FewBurns(OrbitalGuidance):
     A coast is moved out of all balls as by `SingleImpulse`, repeatedly.
     """
 
+    pushes: ClassVar[int] = 3
+
     def velocity(self, state: Any, goal: Any, time_left: Field, deadline: Field) -> Any:
         """Velocity in W, m/s, by few burns with a brake around the arrival; see `OrbitalGuidance.velocity`."""
-        period = self.period
+        period = self.mission.timing.control_period
         time = self._bounded(time_left)
         transfer = self._transfer(state, goal, time)
         # Too late for the plan: go to the goal within a few periods, within the limits as on any other coast.
-        away = (goal.p - state.p).norm() > self.position_tolerance
+        away = (goal.p - state.p).norm() > self.mission.position_tolerance
         late = (time_left < -period) & away
         rescue = _RESCUE_PERIODS * period + time * 0.0
         aimed = map_leaves(
@@ -355,17 +340,17 @@ class FewBurns(OrbitalGuidance):
         Half of the braking is done before the arrival, as late as possible, and half of it after. Fields; times in
         s.
         """
-        period = self.period
-        speed_left = self.velocity_tolerance * _SPEED_LEFT
+        period = self.mission.timing.control_period
+        speed_left = self.mission.velocity_tolerance * _SPEED_LEFT
         components = []
         for now, coasting, target in zip(
             state.v.columns(), velocity.columns(), goal.v.columns(), strict=True
         ):
             excess = at_least(absolute(now - target) - speed_left, 0.0)
-            half = at_least(excess - 2.0 * self.braking * (time_left - period), 0.0) * 0.5
+            half = at_least(excess - 2.0 * self.mission.braking * (time_left - period), 0.0) * 0.5
             brake = where(time_left < 0.5 * period, excess, half)
             # The part that the periods after this one cannot brake before the deadline.
-            pressing = at_least(excess - self.braking * (deadline - period), 0.0)
+            pressing = at_least(excess - self.mission.braking * (deadline - period), 0.0)
             brake = where(pressing > brake, pressing, brake)
             braked = where(now > target, now - brake, now + brake)
             components.append(where(brake > 0.0, braked, coasting))
@@ -373,14 +358,17 @@ class FewBurns(OrbitalGuidance):
 
     def _braking_after(self, brake: Field) -> Field:
         """Time after the arrival at which a brake (m/s) ends of which half is before it, s."""
-        duration = brake * (_FLOWN_BRAKE / self.braking) + _BRAKE_ROUNDING * self.period
-        return whole_periods(duration, self.period)
+        period = self.mission.timing.control_period
+        duration = brake * (_FLOWN_BRAKE / self.mission.braking) + _BRAKE_ROUNDING * period
+        return whole_periods(duration, period)
 
     def _transfer(self, state: Any, goal: Any, time: Field) -> Transfer:
         """The cheapest transfer from a state in a time, s."""
         tolerance = ArrivalTolerance(
-            self.position_tolerance * _AIM_IN_PLANE,
-            self.position_tolerance * _AIM_ACROSS,
-            self.velocity_tolerance * _SPEED_LEFT,
+            self.mission.position_tolerance * _AIM_IN_PLANE,
+            self.mission.position_tolerance * _AIM_ACROSS,
+            self.mission.velocity_tolerance * _SPEED_LEFT,
         )
-        return cheapest_transfer(self.mean_motion, state.p, state.v, goal.p, time, tolerance)
+        return cheapest_transfer(
+            self.mission.mean_motion, state.p, state.v, goal.p, time, tolerance
+        )

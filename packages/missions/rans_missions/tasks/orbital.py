@@ -54,8 +54,6 @@ _EARTH_RADIUS = 1e-3 * EARTH_RADIUS
 _LARGEST_DRAG = 0.01
 """Largest acceleration by drag, m/s^2: a satellite has about 1e-3 at 150 km (2e-9 kg/m^3, 7,800 m/s, 50 kg/m^2),
 where an orbit ends within a day."""
-_PUSHES_OF_FEW_BURNS = 3
-"""Number of times that coasts of few burns are moved out of each keep-out ball."""
 
 
 def last_check(deadline: float, interval: float) -> int:
@@ -395,22 +393,7 @@ class OrbitalMission(SingleTask):
         settings.
         """
         kind = FewBurns if self.few_burns else SingleImpulse
-        return kind(
-            self.drift_at(goal),
-            self.scenery(goal),
-            self.mean_motion,
-            self.timing.control_period,
-            self.position_tolerance,
-            self.velocity_tolerance,
-            self.brakes,
-            self.braking,
-            self.braking_time,
-            self.speed_reserve,
-            self.keep_out_reserve,
-            self.most_gain,
-            self.shortest_aim,
-            _PUSHES_OF_FEW_BURNS if self.few_burns else 1,
-        )
+        return kind(self, self.drift_at(goal), self.scenery(goal))
 
     def arrival(self, goal: State) -> Field:
         """Time until the planned arrival, s."""

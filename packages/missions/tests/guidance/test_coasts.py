@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.guidance.orbital import SingleImpulse
+from rans_missions.guidance.orbital import FewBurns, SingleImpulse
 
 from rans.model.drift import FREE, ClohessyWiltshire
 from rans.model.fields import Vec3
@@ -20,9 +20,13 @@ def vector(*columns: float) -> Vec3:
     return Vec3(*(np.array([x]) for x in columns))
 
 
-def coasts(*limits: Any, drift: Any = FREE, pushes: int = 1) -> SingleImpulse:
-    mission = (1.0, 1.0, 1.0, 1.0, False, 1.0, 1.0)
-    return SingleImpulse(drift, limits, *mission, 0.1, 2.0, 5.0, 1.0, pushes)
+MISSION: Any = SimpleNamespace(
+    speed_reserve=0.1, keep_out_reserve=2.0, most_gain=5.0, shortest_aim=1.0
+)
+
+
+def coasts(*limits: Any, drift: Any = FREE, kind: Any = SingleImpulse) -> Any:
+    return kind(MISSION, drift, limits)
 
 
 def test_in_an_orbit_it_is_that_of_a_fine_search() -> None:
@@ -44,7 +48,7 @@ def test_a_velocity_goes_around_a_ball() -> None:
     around = coasts(ball).within(state, state.v, np.array([120.0]))
     assert [x[0] for x in around.columns()] == pytest.approx([1.0, 9.0 / 50.0, 0.0], abs=1e-9)
     # It now turns away, so that the point moved is not the nearest; repeated pushes clear the ball.
-    repeated = coasts(ball, pushes=5).within(state, state.v, np.array([120.0]))
+    repeated = coasts(ball, kind=FewBurns).within(state, state.v, np.array([120.0]))
     nearest, _ = coasts().nearest(ball, state, repeated, np.array([120.0]))
     assert nearest.norm()[0] > 11.9
     far = Ball(Vec3(0.0, 30.0, 0.0), REST, 10.0)

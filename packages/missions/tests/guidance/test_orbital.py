@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from rans_missions.guidance.orbital import FewBurns, OrbitalGuidance, SingleImpulse
+from rans_missions.tasks import Dock, Hold
 
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import Vec3
@@ -24,9 +24,14 @@ def vector(*columns: float) -> Vec3:
     return Vec3(*(np.array([x]) for x in columns))
 
 
-def guidance(kind: type[OrbitalGuidance], *limits: Any, pushes: int = 1) -> OrbitalGuidance:
-    mission = (N, PERIOD, 2.0, 0.2, kind is FewBurns, 0.02, 20.0)
-    return kind(DRIFT, limits, *mission, 0.03, 4.0, 5.0, PERIOD, pushes)
+def guidance(
+    kind: type[OrbitalGuidance], *limits: Any, velocity_tolerance: float = 0.2
+) -> OrbitalGuidance:
+    settings = {"position_tolerance": 2.0, "velocity_tolerance": velocity_tolerance}
+    mission = Hold if kind is FewBurns else Dock
+    return kind(
+        mission(mean_motion=N, braking_time=20.0, shortest_aim=PERIOD, **settings), DRIFT, limits
+    )
 
 
 def flown(
@@ -52,7 +57,7 @@ def test_the_burn_across_the_plane_waits_for_a_quarter_of_an_orbit(
     left: float, waits: bool
 ) -> None:
     """A quarter is 1,530 s. In the plane the burn is that of the Clohessy-Wiltshire matrix, written out here."""
-    law = replace(guidance(SingleImpulse), velocity_tolerance=1e3)
+    law = guidance(SingleImpulse, velocity_tolerance=1e3)
     x, y, z = 40.0, -90.0, 30.0
     state: Any = SimpleNamespace(p=vector(x, y, z), v=vector(0.0, 0.0, 0.0))
     goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
@@ -69,7 +74,7 @@ def test_the_burn_across_the_plane_waits_for_a_quarter_of_an_orbit(
 @pytest.mark.slow
 def test_few_burns_arrive_around_a_ball_and_brake() -> None:
     """From before the target to behind it: never inside its ball, and within both tolerances around the arrival."""
-    law = guidance(FewBurns, Ball(REST, REST, 50.0), pushes=3)
+    law = guidance(FewBurns, Ball(REST, REST, 50.0))
     goal = vector(0.0, -100.0, 0.0)
     positions, velocities, _ = flown(law, vector(20.0, 200.0, 10.0), goal, 1500.0, 30.0)
     assert np.linalg.norm(positions, axis=1).min() > 50.0
@@ -81,7 +86,7 @@ def test_few_burns_arrive_around_a_ball_and_brake() -> None:
 def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> None:
     """40 m from the goal three periods after the planned arrival: it would go at 1 m/s."""
     limits = Ball(REST, REST, 20.0), SpeedLimit(REST, 0.1, 0.0041)
-    law = guidance(FewBurns, *limits, pushes=3)
+    law = guidance(FewBurns, *limits)
     goal: Any = SimpleNamespace(p=vector(0.0, -30.0, 0.0), v=REST)
     p, v = vector(0.0, 15.0, 30.0), vector(0.0, 0.0, 0.0)
     for step in range(80):
@@ -100,7 +105,7 @@ def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> Non
 def test_nobody_beside_a_ball_is_faster_than_is_allowed() -> None:
     """From 2,000 states near a ball, at 0.3 to 0.4 m/s where 0.32 to 0.36 m/s are allowed; a goal is behind it."""
     limits = Ball(REST, REST, 53.0), SpeedLimit(REST, 0.2, 0.0022)
-    law = guidance(FewBurns, *limits, pushes=3)
+    law = guidance(FewBurns, *limits)
     random = np.random.default_rng(0)
     directions = random.normal(size=(2, 3, 2000))
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
@@ -119,7 +124,7 @@ def test_the_plan_is_no_dearer_than_the_latest_arrival(kind: type[OrbitalGuidanc
     goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
     deadline = np.array([2000.0])
     arrival = law.arrival(start, goal, deadline)
-    latest = np.array([1980.0 if law.brakes else 2000.0])
+    latest = np.array([1980.0 if law.mission.brakes else 2000.0])
     assert arrival[0] <= latest[0]
     assert arrival[0] % PERIOD == 0.0
     planned, at_latest = (law.price(start, goal, time)[0] for time in (arrival, latest))
