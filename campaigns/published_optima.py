@@ -12,14 +12,14 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
+from rans_optimal.objectives import MinimumEnergy, MinimumFuel, MinimumTime, Objective
+from rans_optimal.transcription import Trajectory, Transcription, usual_guesses
 from scipy.optimize import fsolve
 
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.optimal.trajectory.objectives import MinimumEnergy, MinimumFuel, MinimumTime, Objective
-from rans.optimal.trajectory.transcription import Trajectory, Transcription, usual_guesses
 from rans.tasks import GoToPose, GoToPosition, Task
 
 _MASS = 12.0

@@ -30,15 +30,13 @@ if TYPE_CHECKING:
     from rans.api.flying import fly as fly
     from rans.api.judging import compare as compare
     from rans.api.judging import evaluate as evaluate
-    from rans.api.limits import certify as certify
-    from rans.api.limits import optimal_trajectory as optimal_trajectory
-    from rans.api.limits import state as state
     from rans.api.names import load_conditions as load_conditions
     from rans.api.names import load_spacecraft as load_spacecraft
     from rans.api.names import load_task as load_task
     from rans.api.pages import export as export
     from rans.api.pages import report as report
     from rans.api.pages import view as view
+    from rans.api.states import state as state
     from rans.api.training import train as train
     from rans.api.training import tune as tune
     from rans.errors import ConfigError as ConfigError
@@ -54,7 +52,6 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Thruster as Thruster
     from rans.model.timing import Timing as Timing
     from rans.optimal.control.lqr import LQR as LQR
-    from rans.optimal.control.mpc import MPC as MPC
     from rans.optimal.control.switching import Switching as Switching
     from rans.randomization.conditions import BodyConditions as BodyConditions
     from rans.randomization.conditions import Conditions as Conditions
@@ -109,11 +106,11 @@ def _as_html(value: Any) -> str:
     return html_of(value)
 
 
-def _as_figure(flight: Any, episode: int) -> Any:
+def _as_figure(flight: Any, episode: int, zones: Any) -> Any:
     """Figure of an episode of a flight; matplotlib is imported at the first call."""
     from rans.show.figures.figures import episode_figure
 
-    return episode_figure(flight, episode)
+    return episode_figure(flight, episode, zones)
 
 
 display.html_renderer = _as_html

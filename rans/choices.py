@@ -9,7 +9,5 @@ EngineName = Literal["fast", "drake"]
 """What computes a motion: RANS's own equations, or Drake."""
 ProtocolName = Literal["own", "paper", "original"]
 """Setups of evaluations, see `rans.evaluation.fly.protocols`."""
-ObjectiveName = Literal["fuel", "time", "energy", "reward"]
-"""What an optimal trajectory minimizes, see `rans.optimal.trajectory.objectives`."""
 Quality = Literal["quick", "good", "best"]
 """Training effort: seconds, minutes on two CPU cores, or minutes on a GPU."""

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
     from rans.compile.preprocess import PolicyPrograms as PolicyPrograms
     from rans.compile.step_program import StepProgram as StepProgram
     from rans.deploy.columns import written_columns as written_columns
-    from rans.deploy.contract import contract as contract
-    from rans.deploy.contract import flights_of_training as flights_of_training
-    from rans.deploy.contract import golden_pairs as golden_pairs
     from rans.deploy.forms import FORMATS as FORMATS
     from rans.deploy.forms import Format as Format
     from rans.deploy.program import Ports as Ports
@@ -40,6 +37,7 @@ if TYPE_CHECKING:
     from rans.effectors.effector import Begun as Begun
     from rans.effectors.effector import Effector as Effector
     from rans.effectors.effector import JointMotion as JointMotion
+    from rans.environment import observation_space as observation_space
     from rans.episode import Command as Command
     from rans.episode import Guard as Guard
     from rans.episode import Mover as Mover
@@ -47,28 +45,30 @@ if TYPE_CHECKING:
     from rans.episode import World as World
     from rans.episode import step as step
     from rans.errors import ConfigError as ConfigError
+    from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief
     from rans.errors import counted as counted
     from rans.errors import is_finite as is_finite
     from rans.errors import is_installed as is_installed
+    from rans.errors import one_of as one_of
     from rans.errors import positive as positive
     from rans.errors import require as require
     from rans.errors import whole as whole
     from rans.evaluation.compare.bounds import Bound as Bound
     from rans.evaluation.compare.bounds import Event as Event
+    from rans.evaluation.compare.bounds import certificates as certificates
     from rans.evaluation.compare.bounds import check_certifiable as check_certifiable
     from rans.evaluation.compare.bounds import check_finite as check_finite
     from rans.evaluation.compare.bounds import check_period as check_period
     from rans.evaluation.compare.bounds import rounded_up as rounded_up
     from rans.evaluation.compare.contest import Contest as Contest
+    from rans.evaluation.compare.run import Comparison as Comparison
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
-    from rans.evaluation.fly.agent import load_policy as load_policy
     from rans.evaluation.fly.contestant_name import ContestantName as ContestantName
     from rans.evaluation.fly.contestants import contestant as contestant
     from rans.evaluation.fly.contestants import view_command as view_command
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
-    from rans.evaluation.fly.exported import load_exported as load_exported
     from rans.evaluation.fly.exported import read_contract as read_contract
     from rans.evaluation.fly.user_policy import ForeignPolicy as ForeignPolicy
     from rans.evaluation.measure.aggregate import Metrics as Metrics
@@ -81,7 +81,6 @@ if TYPE_CHECKING:
     from rans.evaluation.problems import Problem as Problem
     from rans.fast.device import torch_device as torch_device
     from rans.fast.engine import Engine as Engine
-    from rans.fast.flights import Flights as Flights
     from rans.fast.learn.adam import Adam as Adam
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.config import PPOSettings as PPOSettings
@@ -112,6 +111,7 @@ if TYPE_CHECKING:
     from rans.model.actuators import Throttle as Throttle
     from rans.model.body import Body as Body
     from rans.model.coordinates import coordinates as coordinates
+    from rans.model.coordinates import rotation_vector as rotation_vector
     from rans.model.drift import FREE as FREE
     from rans.model.drift import AnyVector as AnyVector
     from rans.model.drift import ClohessyWiltshire as ClohessyWiltshire
@@ -140,6 +140,7 @@ if TYPE_CHECKING:
     from rans.model.fields import map_leaves as map_leaves
     from rans.model.fields import sin as sin
     from rans.model.fields import sqrt as sqrt
+    from rans.model.fields import unflatten as unflatten
     from rans.model.fields import where as where
     from rans.model.fields import within as within
     from rans.model.fields import wrap as wrap
@@ -155,9 +156,8 @@ if TYPE_CHECKING:
     from rans.model.timing import Timing as Timing
     from rans.model.trace import Symbol as Symbol
     from rans.model.trace import ordered as ordered
+    from rans.optimal.control.allocation import inertia as inertia
     from rans.optimal.control.regulator import ModelBased as ModelBased
-    from rans.optimal.trajectory.allocation import inertia as inertia
-    from rans.optimal.trajectory.guess import rotation_vector as rotation_vector
     from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
     from rans.policy.adaptation import Rows as Rows
     from rans.policy.architecture import Architecture as Architecture
@@ -191,6 +191,7 @@ if TYPE_CHECKING:
     from rans.scenario import each as each
     from rans.scenario import scenario as scenario
     from rans.scenario import scenarios as scenarios
+    from rans.settled import settled_alone as settled_alone
     from rans.show.pages.chart import Chart as Chart
     from rans.show.pages.chart import Mark as Mark
     from rans.show.pages.chart import Series as Series

@@ -396,12 +396,14 @@ LEFT_ALONE = {
         "rans.fast.engine",
         "rans.fast.learn.ppo",  # learners are listed by name
         "rans.optimal",
+        "rans_optimal",
         "rans_missions.tasks",  # its files are found beside its package, which is empty
         "rans_missions.control",
         "rans.evaluation.measure",
     ),
     "import rans; rans.Engine; import rans.fast.learn.ppo": (
         "rans.optimal",
+        "rans_optimal",
         "rans.reference",
         "rans.evaluation",
         "rans.show",

@@ -1,4 +1,4 @@
-"""Poses and zones as words: one syntax for every command that takes a start, a goal or keep-out zones.
+"""States of a user's own: as numbers in Python, and as words, with zones, for every command that takes them.
 
 A pose is "X Y HEADING" in the plane and "X Y Z", or "X Y Z ROLL PITCH YAW", in space: positions in m, angles in
 degrees or with a unit, as in "3 1 40deg" or "3 1 0.7rad". Velocities may follow by their names, such as "v.x=0.1"
@@ -12,14 +12,77 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, brief
-from rans.model.dynamics import State
-from rans.model.fields import unflatten
+import numpy as np
+
+from rans.errors import ConfigError, brief, is_finite
+from rans.model.dynamics import PlanarState, SpatialState, State
+from rans.model.fields import Heading, Quat, Vec2, Vec3, unflatten
 from rans.scenario import Endpoints, Scenario, each
 
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
 _RATES = {2: ("v.x", "v.y", "w"), 3: ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")}
 """Names of velocities and angular velocities, by dimension, in the order of a state's values."""
+
+
+def state(
+    position: Sequence[float],
+    attitude: float | Sequence[float] | None = None,
+    velocity: Sequence[float] | None = None,
+    spin: float | Sequence[float] | None = None,
+) -> State:
+    """Make a state to start from or to arrive at, in the plane or in space.
+
+    >>> rans.state((3.0, -1.0), attitude=0.5).v
+    Vec2(x=0.0, y=0.0)
+    >>> rans.state((3.0, -1.0, 0.0)).attitude
+    Quat(w=1.0, x=0.0, y=0.0, z=0.0)
+
+    Args:
+        position: p_WB, the position in the world frame W: two or three numbers, m.
+        attitude: R_WB, of the body frame B in W: in the plane the heading, rad; in space a quaternion
+            (w, x, y, z), which is normalized, or a Rotation of SciPy.
+            None: aligned with the world.
+        velocity: v_WB in W, m/s; None: at rest.
+        spin: in the plane w_WB, rad/s; in space w_WB_B, three numbers. None: none.
+
+    Raises:
+        ConfigError: these are not so many finite numbers, or the quaternion is zero.
+    """
+    target = _numbers("position", position)
+    if len(target) not in (2, 3):
+        raise ConfigError(f"the position has 2 or 3 numbers, got {len(target)}.")
+    size = len(target)
+    moving = _numbers("velocity", [0.0] * size if velocity is None else velocity, size)
+    if size == 2:
+        heading = _numbers("attitude", [0.0 if attitude is None else attitude], 1)
+        turning = _numbers("spin", [0.0 if spin is None else spin], 1)
+        return PlanarState(Vec2(*target), Heading(heading[0]), Vec2(*moving), turning[0])
+    if hasattr(attitude, "as_quat"):  # a Rotation of SciPy, whose real part comes last
+        attitude = np.roll(attitude.as_quat(), 1)
+    if is_finite(attitude):
+        raise ConfigError(
+            "a position with three numbers is in space, where the attitude is a quaternion (w, x, y, z), got "
+            f"{brief(attitude)}."
+        )
+    quaternion = _numbers("attitude", (1.0, 0.0, 0.0, 0.0) if attitude is None else attitude, 4)
+    length = float(np.linalg.norm(quaternion))
+    if not length > 1e-6:
+        raise ConfigError(f"the attitude is a quaternion (w, x, y, z), got {brief(attitude)}.")
+    turning = _numbers("spin", [0.0] * 3 if spin is None else spin, 3)
+    unit = Quat(*(x / length for x in quaternion))
+    return SpatialState(Vec3(*target), unit, Vec3(*moving), Vec3(*turning))
+
+
+def _numbers(what: str, values: Any, count: int | None = None) -> list[float]:
+    """Finite numbers, ``count`` of them unless it is None; else a `ConfigError` that names what they are."""
+    try:
+        results = [float(x) for x in values]
+    except (TypeError, ValueError) as error:
+        raise ConfigError(f"the {what} must be numbers, got {brief(values)}.") from error
+    if not np.isfinite(results).all() or (count is not None and len(results) != count):
+        form = "finite numbers" if count is None else f"{count} finite numbers"
+        raise ConfigError(f"the {what} must be {form}, got {brief(values)}.")
+    return results
 
 
 class WrittenState(NamedTuple):

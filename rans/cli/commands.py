@@ -47,7 +47,6 @@ BUILT_IN = (
     "train",
     "evaluate",
     "view",
-    "optimal",
     "compare",
     "report",
     "export",

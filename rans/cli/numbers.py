@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import decimal
-import math
-from collections.abc import Sequence
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin
 
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from rans.errors import ConfigError, brief
+from rans.errors import brief
 
 _KINDS: dict[type, str] = {int: "a whole number", float: "a number"}
 
@@ -76,23 +74,3 @@ def _read(kind: type, word: str) -> Any:
             with contextlib.suppress(ValueError):
                 advice = f" Did you mean {float(word[:-1]) / 100.0:g}?"
         raise ValueError(f"it must be {_KINDS[kind]}, got {brief(word)}.{advice}") from None
-
-
-def named_numbers(text: str, names: Sequence[str], option: str) -> dict[str, float]:
-    """Numbers by name of a text such as "speed=0.1,spin=0.2"; those that it leaves out are absent.
-
-    Raises:
-        ConfigError: a name is wrong or twice, or a value is no finite number.
-    """
-    values: dict[str, float] = {}
-    for part in filter(None, text.split(",")):
-        name, _, number = part.partition("=")
-        name = name.strip()
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if name not in names or name in values or not math.isfinite(value):
-            raise ConfigError(f"{option} takes {'=..., '.join(names)}=..., got {brief(part)}.")
-        values[name] = value
-    return values

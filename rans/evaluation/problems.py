@@ -29,8 +29,17 @@ class Problem:
     opponents: tuple[str, ...] = ()
     """Default opponents of comparisons (`rans.evaluation.fly.controllers.BESIDE`); empty: those of any task."""
     solve: Callable[[Any, Spacecraft, Task], int] | None = None
-    """What ``rans optimal`` does: of the command (`rans.cli.optimal.Optimal`), craft and task, its exit code. None:
+    """What ``rans optimal`` does: of the command, craft and task, its exit code. None:
     such a task has no optimum that the command computes."""
+
+    @staticmethod
+    def of(task: Task) -> Problem | None:
+        """The problem of a task; None: a trajectory.
+
+        Raises:
+            ConfigError: no installed package solves it.
+        """
+        return None if task.optimal_problem == "trajectory" else PROBLEMS[task.optimal_problem]
 
 
 def _checked(found: Any) -> Problem:
@@ -47,16 +56,7 @@ PROBLEMS: Registry[Problem] = Registry(
 """Problems that installed packages solve, by `Task.optimal_problem`."""
 
 
-def problem_of(task: Task) -> Problem | None:
-    """The problem of a task; None: a trajectory, which `rans.optimal.trajectory` optimises.
-
-    Raises:
-        ConfigError: no installed package solves it.
-    """
-    return None if task.optimal_problem == "trajectory" else PROBLEMS[task.optimal_problem]
-
-
 def bounding(contest: Contest) -> Problem | None:
     """The problem that bounds the starts of a contest; None: no package has one."""
-    problem = problem_of(contest.task)
+    problem = Problem.of(contest.task)
     return problem if problem is not None and problem.bounded(contest) else None

@@ -8,8 +8,23 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from rans.model.dynamics import PlanarState, SpatialState
-from rans.model.fields import Field, Heading, Quat, Vec2, Vec3, atan2, cos, sin, sqrt
+from rans.model.fields import (
+    Attitude,
+    Field,
+    Heading,
+    Quat,
+    Vec2,
+    Vec3,
+    atan2,
+    cos,
+    leaves,
+    sin,
+    sqrt,
+    wrap,
+)
 
 _TINY = 1e-24
 """Added to squared lengths whose root is taken: it has no gradient at zero."""
@@ -50,3 +65,20 @@ def _rotation_vector(turn: Quat) -> tuple[Field, ...]:
     axis = Vec3(turn.x, turn.y, turn.z)
     sine = sqrt(axis.dot(axis) + _TINY)
     return axis.scale(2.0 * atan2(sine, turn.w) / sine).columns()
+
+
+def rotation_vector(rotation: Attitude) -> np.ndarray:
+    """Axis times angle (rad) of the shortest equal rotation, of floats or arrays (N,).
+
+    (1,) or (1, N) in the plane, (3,) or (3, N) in space.
+    """
+    if isinstance(rotation, Heading):
+        return np.array([wrap(rotation.angle)])
+    w, *xyz = map(np.asarray, leaves(rotation))
+    vector = np.array(xyz)
+    sine = np.linalg.norm(vector, axis=0)
+    # angle / sin(angle / 2) tends to 2 where the rotation vanishes
+    ratio = np.where(
+        sine > 0, 2.0 * np.arctan2(sine, np.abs(w)) / np.where(sine > 0, sine, 1.0), 2.0
+    )
+    return vector * np.where(w < 0, -ratio, ratio)

@@ -137,15 +137,6 @@ def observation_columns(task: Task, dimension: Dimension) -> tuple[Column, ...]:
     return example(task, dimension).table()
 
 
-def residual(task: Task, state: State, goal: State) -> tuple[Field, ...]:
-    """Difference of the task data from their values at the goal, for each column."""
-    return tuple(
-        x - target
-        for entry in task.observation_terms(state, goal)
-        for x, target in zip(entry.columns(), entry.target(), strict=True)
-    )
-
-
 def is_constrained(task: Task) -> bool:
     """Whether flights may break a constraint: the task defines `limits` or `constraints`."""
     kind = type(task)

@@ -14,7 +14,7 @@ from rans.cli.compare import Compare, without_training
 from rans.cli.evaluate import Evaluate
 from rans.evaluation.compare.bounds import Bound
 from rans.evaluation.compare.entrants import at_values, contest_of, enlisted
-from rans.evaluation.compare.relaxed import Relaxed
+from rans.evaluation.compare.run import Relaxed
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 
@@ -44,13 +44,13 @@ def test_writes_page_and_numbers(tmp_path, capsys, monkeypatch):
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, monkeypatch, ran):
     def solve(contest, objective, *_):
-        return [Relaxed(objective, 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
+        return [Relaxed("time", 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
 
     def one_bound(*_):
         yield Bound(0, None, 2.75)
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.solve", solve)
+    monkeypatch.setattr("rans_optimal.relaxed.solve", solve)
     monkeypatch.setattr("rans_bounds.transfers.certified_bounds", one_bound)
     command = f"compare lqr:go-to-pose-2d --with optimal --episodes 1 --full --output {tmp_path}"
     out = ran(command, code=130)

@@ -9,6 +9,7 @@ import gymnasium
 import pytest
 import torch
 from gymnasium.utils.env_checker import check_env
+from rans_optimal.checks import check_craft
 
 import rans
 from rans import ConfigError, Timing
@@ -19,7 +20,6 @@ from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import CommandRange, can_turn
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.optimal.trajectory.allocation import check_relaxation
 from rans.reference.plant import Plant
 from tests.support.effector_flights import untrained_policy
 from tests.support.torquer import TURNED, TURNED_IN_SPACE, Torquer
@@ -77,7 +77,7 @@ class Unknown(Torquer):
 
 
 def test_what_knows_nothing_of_it_refuses():
-    for check in (check_relaxation, check_certifiable):
+    for check in (check_craft, check_certifiable):
         with pytest.raises(ConfigError, match="effectors of other"):
             check(TURNED)
     with pytest.raises(ConfigError, match="effectors of other kinds"):

@@ -147,9 +147,10 @@ def test_metrics_tell_of_propellant_and_wheels():
 
 def test_optimal_control_keeps_to_throttle_levels():
     """Always lit at 10 to 90 %: no command of the optimum is beyond, and some are at both ends."""
+    from rans_optimal.objectives import MinimumFuel
+    from rans_optimal.transcription import Transcription
+
     from rans.model.actuators import Throttle
-    from rans.optimal.trajectory.objectives import MinimumFuel
-    from rans.optimal.trajectory.transcription import Transcription
     from tests.support.effector_crafts import platform
 
     craft = platform(actuators=Throttle(0.1, 0.9, always_lit=True))

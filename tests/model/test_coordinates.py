@@ -2,11 +2,11 @@
 
 import numpy as np
 import pytest
+from rans_optimal.mpc import shortest
 from scipy.spatial.transform import Rotation
 
 from rans.model.coordinates import around, coordinates
 from rans.model.fields import leaves, map_leaves
-from rans.optimal.control.mpc import shortest
 from tests.support.crafts import random_states
 
 BOTH = pytest.mark.parametrize("dimension", [2, 3])

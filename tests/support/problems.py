@@ -7,14 +7,14 @@ from dataclasses import replace
 from functools import cache
 from typing import Any
 
+from rans_optimal.objectives import Objective
+from rans_optimal.transcription import Trajectory, Transcription
 from scipy.spatial.transform import Rotation
 
 from rans import Spacecraft, Timing
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.objectives import Objective
-from rans.optimal.trajectory.transcription import Trajectory, Transcription
 from rans.reference.flight import replay
 from rans.tasks import GoToPose, Task
 

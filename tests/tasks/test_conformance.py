@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rans_missions.tasks import Avoid, Dock, DockPort
 from rans_missions.tasks.orbital import TargetOrbit
+from rans_optimal.arrival import residual
 
 from rans import ConfigError
 from rans.display import meanings
@@ -27,7 +28,7 @@ from rans.tasks import (
     observation_columns,
     observation_width,
 )
-from rans.tasks.derived import dimensions, layout, residual
+from rans.tasks.derived import dimensions, layout
 from rans.tasks.quantities import QUANTITIES
 from tests.support.transitions import COUNT, arrival
 

@@ -5,13 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from rans_optimal.arrival import residual
 
 from rans import ConfigError
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced, observation, observation_columns
-from rans.tasks.derived import residual
 from rans.tasks.rewards import Transition
 from tests.support.crafts import random_states
 

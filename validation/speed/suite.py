@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from rans.fast.learn.config import preset
 from rans.model.spacecraft import Spacecraft
+from rans.registry import Registry
 from rans.tasks import Task
 from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment
 from validation.speed.flights import flight_rates
 from validation.speed.latency import latencies
 from validation.speed.measurement import Clock, Measurement
-from validation.speed.solving import solver_rate
 from validation.speed.training import LARGE, trainer_rate
+
+BENCHMARKS: Registry[Callable[[Spacecraft, Task, int], Iterator[tuple[Any, ...]]]] = Registry(
+    "benchmark", "rans.benchmarks", {}, lambda rows: rows
+)
+"""What installed packages measure, from a number of starts of a craft and a task: arguments of `Measurement`."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +74,9 @@ def measurements(
         yield trainer_rate(craft, task, preset(task_name, craft.dimension, clock.device), clock)
         if clock.on_gpu:
             yield trainer_rate(craft, task, LARGE, clock)
-    for craft in crafts:
-        yield from solver_rate(craft, task, spend.starts)
+    for benchmark in BENCHMARKS.values():
+        for craft in crafts:
+            for row in benchmark(craft, task, spend.starts):
+                yield Measurement(*row)
     for craft in crafts:
         yield from latencies(craft, task, preset(task_name, craft.dimension, "cpu"), spend.calls)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.abilities import PUBLIC
 from rans.errors import ConfigError
 from rans.flight import fly
 from rans.model.accuracy import chosen
@@ -62,15 +63,13 @@ def bang_bang_checks(craft: Spacecraft, seed: int, count: int) -> list[Check | C
 
 def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Skipped]:
     """Under minimum-fuel inputs, which are anything between shut and open."""
-    from rans.optimal.trajectory.objectives import MinimumFuel
-    from rans.optimal.trajectory.transcription import Transcription
-
     name = "optimal input"
-    objective = MinimumFuel()
     starts = scenarios(GoToPose().for_evaluation(), craft, seed, _OPTIMAL_STARTS)
     try:
-        solver = Transcription(craft, GoToPose(), objective)
-        found = [solver.solve(s.start, s.goal) for s in each(starts)]
+        solve = PUBLIC["optimal_trajectory"]
+        found = [
+            solve(GoToPose(), craft, start=s.start, goal=s.goal).trajectory for s in each(starts)
+        ]
     except ConfigError as error:
         return [Skipped(name, str(error))]
     solved = np.array([trajectory.solved for trajectory in found])
@@ -78,7 +77,7 @@ def optimal_checks(craft: Spacecraft, seed: int) -> Sequence[Check | Curve | Ski
         return [Skipped(name, f"The optimiser found no trajectory: {found[0].status}.")]
     commands = np.stack([t.commands for t in found if t.solved], axis=1)
     start = map_leaves(lambda x: x[solved], starts.start)
-    timing = Timing(control_period=objective.control_period)
+    timing = Timing(control_period=found[0].control_period)
     drake = drake_states(craft, start, commands, timing, 0.005)
     return _accuracy(name, craft, start, commands, drake, timing)
 

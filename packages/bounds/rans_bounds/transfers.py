@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from rans.evaluation.measure.statistics import figure
 from rans.extend import (
     Bound,
+    Comparison,
     ConfigError,
     Contest,
     Event,
@@ -78,39 +79,6 @@ class Transfers:
         within = staying_set(craft, contest.task, period)
         return max(0.0, contest.duration - hull.staying_time(craft, within, period))
 
-    def first_starts(
-        self,
-        contest: Contest,
-        count: int,
-        events: Sequence[Event],
-        cache: Path | None,
-        workers: int | None,
-        stages: Stages,
-        note: Callable[[str], object],
-    ) -> Iterator[Bound]:
-        """Bounds of the first starts by `certified_bounds`, after the reasons why they are loose or none."""
-        try:
-            goal_set(contest.task)
-            check_certifiable(contest.craft, wheels=True)
-        except ConfigError as reason:
-            note(f"No bound is certified: {reason}")
-            return
-        period = contest.timing.control_period
-        if reason := without_certificate(contest.craft, aims(contest.task), period):
-            note(reason)
-        step = stages("certified bounds", count * len(events))
-        loose = set()
-        for answer in certified_bounds(contest, count, events, cache, workers, step):
-            if answer.lower is None:
-                loose.add(answer.event)
-            yield answer
-        if loose and not reason:
-            texts = ", ".join(event.text for event in events if event in loose)
-            note(
-                f"The hull bound alone stands for some starts: {texts}. The certificate's search is too large "
-                "there, or no number of pulses stops the spin."
-            )
-
     def bound(
         self,
         number: int,
@@ -164,6 +132,45 @@ class Transfers:
 
 TRANSFERS = Transfers()
 """What the core finds by its entry point."""
+
+
+def add_first_starts(
+    comparison: Comparison,
+    *,
+    certified: int,
+    cache: Path | None,
+    stages: Stages,
+    workers: int | None,
+    **_: object,
+) -> None:
+    """Add the bounds of the first starts by `certified_bounds`, after the reasons why they are loose or none."""
+    contest = comparison.contest
+    note = comparison.notes.append
+    try:
+        goal_set(contest.task)
+        check_certifiable(contest.craft, wheels=True)
+    except ConfigError as reason:
+        note(f"No bound is certified: {reason}")
+        return
+    period = contest.timing.control_period
+    if reason := without_certificate(contest.craft, aims(contest.task), period):
+        note(reason)
+    count = min(certified, contest.episodes)
+    events = comparison.events()
+    step = stages("certified bounds", count * len(events))
+    loose = set()
+    for answer in certified_bounds(contest, count, events, cache, workers, step):
+        if answer.lower is None:
+            loose.add(answer.event)
+        # Answers come as they are found; their order in files must not depend on it.
+        comparison.certified.append(answer)
+        comparison.certified.sort(key=lambda bound: (bound.start, events.index(bound.event)))
+    if loose and not reason:
+        texts = ", ".join(event.text for event in events if event in loose)
+        note(
+            f"The hull bound alone stands for some starts: {texts}. The certificate's search is too large "
+            "there, or no number of pulses stops the spin."
+        )
 
 
 def bounds_table(

@@ -17,6 +17,7 @@ from rans_bounds.starts import Question, goal_set, staying_set
 from rans.errors import ConfigError
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contest
+from rans.evaluation.compare.run import Comparison
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.progress import unseen_stages
@@ -122,9 +123,12 @@ def test_a_hull_bound_that_no_search_improved_is_told(monkeypatch: pytest.Monkey
     """Of events whose search had too many points; the others are certified."""
     found = [Bound(0, 5.0, 1.0), Bound(0, None, 1.0, lower=2.0, kind="settling")]
     monkeypatch.setattr(transfers, "certified_bounds", lambda *_: iter(found))
-    notes: list[str] = []
-    given = (None, None, unseen_stages, notes.append)
-    assert [*transfers.TRANSFERS.first_starts(CONTEST, 1, EVENTS, *given)] == found
-    assert [note.split(".")[0] for note in notes] == [
+    monkeypatch.setattr(Comparison, "events", lambda _: EVENTS)
+    comparison = Comparison(CONTEST)
+    transfers.add_first_starts(
+        comparison, certified=1, cache=None, stages=unseen_stages, workers=None
+    )
+    assert comparison.certified == found[::-1]  # in the order of events
+    assert [note.split(".")[0] for note in comparison.notes] == [
         "The hull bound alone stands for some starts: impulse by 5 s"
     ]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -25,16 +25,12 @@ from rans.extend import (
     stages,
     write_json,
 )
-from rans.model.spacecraft_file import spacecraft_label
 from rans_missions.bounds.first_starts import add_bounds, bounded
 from rans_missions.tasks import FinalApproach, Land
 from rans_missions.tasks.orbital import OrbitalMission
 
-if TYPE_CHECKING:
-    from rans.cli.optimal import Optimal
 
-
-def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
+def transfers(command: Any, craft: Spacecraft, task: Task) -> int:
     """Print and write the least impulse of a mission on an orbit from each start; 1 if a start has no flight."""
     from rans_missions.bounds.transfers import least_of_approaches, least_of_transfers
 
@@ -63,7 +59,7 @@ def transfers(command: Optimal, craft: Spacecraft, task: Task) -> int:
     return 1 if lost else 0
 
 
-def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
+def landings(command: Any, craft: Spacecraft, task: Task) -> int:
     """Compute landings by convex programming; only starts and ending can be chosen."""
     from rans_missions.bounds.landings import landing_table, landings
 
@@ -71,8 +67,7 @@ def landings(command: Optimal, craft: Spacecraft, task: Task) -> int:
     command.refuse_all_but("spacecraft", "ending", "episodes", "start", "goal")
     # Solve, then fly the solutions in Drake.
     starts = command.sampled_starts(task, craft)
-    name = f"optimal-{distinct(command.task)}-{spacecraft_label(craft)}-propellant"
-    folder = ready_folder(command.output or Path("runs") / name)
+    folder = command.folder(craft, "propellant")
     with progress() as bars:
         step = stages(bars)("landings", len(starts.start.p.x))
         answers = landings(craft, task, starts, command.ending == "exact", step)

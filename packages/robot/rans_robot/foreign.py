@@ -8,7 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.deploy.contract import PAIRED, RecordedFlights
+from rans.deploy.contract import (
+    PAIRED,
+    RecordedFlights,
+    contract,
+    flights_of_training,
+    golden_pairs,
+)
 from rans.deploy.export import check_alone, evaluated
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.extend import (
@@ -21,9 +27,6 @@ from rans.extend import (
     TrainConfig,
     brief,
     contestant,
-    contract,
-    flights_of_training,
-    golden_pairs,
     observation_width,
     read_bytes,
     replace_file,

@@ -23,8 +23,8 @@ from rans.extend import (
     brief,
     load_spacecraft,
     positive,
+    settled_alone,
 )
-from rans.settled import settled_alone
 from rans_robot.interfaces import RobotName
 
 if TYPE_CHECKING:

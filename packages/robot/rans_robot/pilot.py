@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.effectors.commands import command_bounds
+from rans.evaluation.fly.exported import load_exported
 from rans.extend import (
     Ball,
     ConfigError,
@@ -39,7 +40,6 @@ from rans.extend import (
     first_line,
     inside,
     is_finite,
-    load_exported,
     positive,
     read_contract,
     read_json,

@@ -23,6 +23,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.extend import (
     TASKS,
@@ -39,7 +40,6 @@ from rans.extend import (
     State,
     Timing,
     TrainConfig,
-    load_policy,
     read_json,
     remember,
     whole,

@@ -6,9 +6,8 @@ A bound must stay below every control that is found, and of another event it say
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -18,7 +17,6 @@ from rans.model.dynamics import State
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.model.timing import MOST_STEPS
-from rans.progress import Stages
 from rans.registry import Registry
 from rans.scenario import Scenario
 from rans.tasks.base import Task
@@ -206,29 +204,6 @@ class Certificates(Protocol):
         """Latest settling time for which the bound holds, s.
 
         A craft that enters the tolerances later may be too fast to stay, and the episode ends before it leaves.
-        """
-        ...
-
-    def first_starts(
-        self,
-        contest: Contest,
-        count: int,
-        events: Sequence[Event],
-        cache: Path | None,
-        workers: int | None,
-        stages: Stages,
-        note: Callable[[str], object],
-    ) -> Iterator[Bound]:
-        """Bounds of events from the first starts, as soon as each is known.
-
-        Args:
-            contest: with the starts.
-            count: number of starts.
-            events: what is bounded from each start.
-            cache: JSON file that keeps bounds.
-            workers: processes, by default one per processor.
-            stages: reports progress.
-            note: called with sentences about bounds that do not exist, or are not tight.
         """
         ...
 

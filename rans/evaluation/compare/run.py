@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -15,20 +15,15 @@ from pathlib import Path
 import numpy as np
 
 from rans.display import NotebookRepr
-from rans.errors import ConfigError, RansError, counted, installing, is_installed
-from rans.evaluation.compare import entrants, relaxed
+from rans.errors import ConfigError, RansError, counted
+from rans.evaluation.compare import entrants
 from rans.evaluation.compare.bounds import Amounts, Bound, Event, certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
-from rans.evaluation.compare.relaxed import Relaxed
 from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.problems import bounding
 from rans.files import first_line
-from rans.model.spacecraft import check_rigid
-from rans.optimal.trajectory.allocation import check_relaxation
-from rans.optimal.trajectory.arrival import check_goal
-from rans.optimal.trajectory.objectives import MinimumTime
 from rans.progress import Progress, Stages, unseen_stages
-from rans.verdict import last_fifth
+from rans.registry import Registry
 
 _SLOW = ("mpc", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
@@ -36,9 +31,6 @@ _SLOW = ("mpc", "convex", "optimal")
 _HORIZONS = (1.2, 1.6, 2.0, 3.0, 4.0, math.inf)
 """Multiples of `Comparison.least_time` by which the least impulse is certified; none is later than the end of the
 episode. The floating platform's are 6, 8, 10, 15, 20 and 25 s; at 1.2 each craft tried arrives from each start."""
-
-_RELAXED = (2.0, 4.0)
-"""Those by which the relaxed optimum is computed too, if the comparison has them."""
 
 TYPICAL = (2.0,)
 """The one by which most controllers arrive, for comparisons that do not ask for the whole curve of impulses."""
@@ -48,6 +40,33 @@ _TYPICAL_STARTS = 64
 
 _UNBOUNDED = 0.2
 """Part of an episode that stands for the least time where no bound of it is known: as of the floating platform."""
+
+
+@dataclass(frozen=True)
+class Relaxed:
+    """Optimum of one objective from one start, with partly open thrusters; numbers without a solution are NaN."""
+
+    objective: str
+    """What is optimal: time, fuel or reward, as ``rans optimal --objective`` has it."""
+    start: int
+    status: str
+    """Result in words."""
+    solved: bool
+    """Whether there is a trajectory, and the flight in Drake follows it."""
+    seconds: float
+    """Wall time of the optimiser."""
+    arrival: float = math.nan
+    """Time of arrival at the exact goal, s."""
+    settling: float = math.nan
+    """Time from which all errors are within their tolerances, in Drake, s."""
+    thrust: float = math.nan
+    """Impulse, N s."""
+    total: float = math.nan
+    """Sum of the task's rewards over the episode, in Drake; NaN if its control period is not the task's."""
+    replay_error: float = math.nan
+    """Largest distance between the optimised path and the flight in Drake, m."""
+    too_early: bool = False
+    """Whether the objective's time is less than the least time from this start: not a failure, but impossible."""
 
 
 @dataclass
@@ -201,7 +220,7 @@ class Comparison(NotebookRepr):
             contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
             opponents: names of controllers, and "optimal"; None: those of `default_opponents`.
             certified: number of starts whose bounds are certified.
-            cache: see `rans.evaluation.compare.bounds.Certificates`.
+            cache: JSON file that keeps bounds.
             stages: reports progress.
             workers: processes, by default one per processor.
             returns: whether the optima of the task's return are computed too, which take longer than all others.
@@ -216,7 +235,7 @@ class Comparison(NotebookRepr):
 
         # Contestants first: what opponents and bounds cost is not lost with an interrupt of theirs.
         for spec, contestant in contestants.items():
-            with _noted(self, spec):
+            with self.noting(spec):
                 self.entries.append(_entry(self, contestant, noted, workers))
         for name in dict.fromkeys(name for name in opponents if name != "optimal"):
             try:
@@ -224,20 +243,40 @@ class Comparison(NotebookRepr):
             except RansError as error:
                 self._ground(name, str(error), self.failures if asked else self.notes)
                 continue
-            with _noted(self, name):
+            with self.noting(name):
                 if simple.name not in self.names():  # A controller flies once.
                     self.entries.append(_entry(self, simple, noted, workers))
         if "optimal" in opponents and (problem := bounding(self.contest)):
             count = min(certified, self.contest.episodes)
-            with _noted(self, "certified bounds"):
+            with self.noting("certified bounds"):
                 if count:
                     problem.bounds(self, count, noted)
-        elif "optimal" in opponents and (reason := _nothing_claimed(self.contest)):
-            self.notes.append(reason)
+        elif "optimal" in opponents and self.contest.conditions is not None:
+            self.notes.append(
+                "Optima and bounds hold for nominal conditions; under these conditions none is claimed."
+            )
         elif "optimal" in opponents:
-            _find_relaxed(self, noted, workers, returns)
-            _find_certified(self, certified, cache, noted, workers)
+            for name in REFERENCES:
+                with self.noting(name):
+                    REFERENCES[name](
+                        self,
+                        certified=certified,
+                        cache=cache,
+                        stages=noted,
+                        workers=workers,
+                        returns=returns,
+                    )
             self.failures += self.impossible()
+
+    @contextlib.contextmanager
+    def noting(self, what: str) -> Iterator[None]:
+        """Note an exception of some work as a sentence."""
+        try:
+            yield
+        except RansError as error:
+            self.failures.append(str(error))
+        except Exception as error:  # Solvers and users' code raise anything.
+            self.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
 
     def _ground(self, name: str, reason: str, sentences: list[str]) -> None:
         """Say that an opponent cannot fly; those of one reason have one sentence."""
@@ -246,20 +285,6 @@ class Comparison(NotebookRepr):
         names.append(name)
         sentences[:] = [each for each in sentences if each != said]
         sentences.append(f"{' and '.join(names)} cannot fly here: {reason}")
-
-
-def _nothing_claimed(contest: Contest) -> str:
-    """Reason why there are neither optima nor bounds; "" if there are."""
-    if contest.conditions is not None:
-        return (
-            "Optima and bounds hold for nominal conditions; under these conditions none is claimed."
-        )
-    try:
-        check_goal(contest.task)
-        check_rigid(contest.craft, "optima and bounds")
-    except ConfigError as reason:
-        return f"Neither optima nor bounds are claimed: {reason}"
-    return ""
 
 
 def _entry(
@@ -281,80 +306,14 @@ def _entry(
     return Entry(contestant, flight)
 
 
-@contextlib.contextmanager
-def _noted(comparison: Comparison, what: str) -> Iterator[None]:
-    """Note an exception as a sentence."""
-    try:
-        yield
-    except RansError as error:
-        comparison.failures.append(str(error))
-    except Exception as error:  # Solvers and users' code raise anything.
-        comparison.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
-
-
-def _find_relaxed(
-    comparison: Comparison, stages: Stages, workers: int | None, returns: bool
-) -> None:
-    """Add optima with partly open thrusters to a comparison, or the reason for which there are none.
-
-    The least time comes first: starts that cannot arrive by a horizon are then known, and not searched.
-
-    Args:
-        comparison: changed in place.
-        stages: tells how far it is.
-        workers: number of processes; None: one for each processor.
-        returns: whether the largest return is one of the objectives.
-    """
-    contest = comparison.contest
-    if not is_installed("pydrake"):
-        comparison.notes.append(f"Relaxed optima are flown in Drake: {installing('verify')}")
-        return
-    try:
-        check_relaxation(contest.craft)
-    except ConfigError as reason:
-        comparison.notes.append(f"No optimum is computed: {reason}")
-        return
-    earliest: list[float] = []
-    # Who arrives in the last fifth of an episode has not settled (`rans.verdict`).
-    steps = contest.timing.episode_steps
-    latest = contest.timing.control_period * (steps - last_fifth(steps))
-    chosen = [multiple for multiple in _RELAXED if multiple in comparison.multiples]
-    horizons = sorted({min(horizon, latest) for horizon in comparison.horizons(chosen)})
-    for objective in relaxed.objectives(contest, horizons, returns):
-        step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
-        with _noted(comparison, objective.name):
-            optima = relaxed.solve(contest, objective, workers, step, earliest)
-            comparison.relaxed[objective.name] = optima
-            if isinstance(objective, MinimumTime):
-                earliest = [optimum.arrival for optimum in optima]
-            # What a craft cannot do is a result; what the optimiser cannot find is a failure.
-            late = [optimum for optimum in optima if optimum.too_early]
-            if late:
-                comparison.notes.append(
-                    f"{objective.name}: impossible from {len(late)} of {counted(len(optima), 'start')}, "
-                    f"whose least time is at least {min(earliest[k.start] for k in late):.3g} s."
-                )
-            lost = [
-                optimum.status for optimum in optima if not (optimum.solved or optimum.too_early)
-            ]
-            if lost:
-                comparison.failures.append(
-                    f"{objective.name}: no trajectory from {len(lost)} of {counted(len(optima), 'start')} "
-                    f"({'; '.join(sorted(set(lost)))})."
-                )
-
-
-def _find_certified(
-    comparison: Comparison, count: int, cache: Path | None, stages: Stages, workers: int | None
-) -> None:
-    """Add certified bounds of the first starts to a comparison, or the reason for which there are none."""
-    contest = comparison.contest
-    events = comparison.events()
-    count = min(count, contest.episodes)
-    note = comparison.notes.append
-    with _noted(comparison, "certified bounds"):
-        found = certificates().first_starts(contest, count, events, cache, workers, stages, note)
-        for answer in found:
-            # Answers come as they are found; their order in files must not depend on it.
-            comparison.certified.append(answer)
-            comparison.certified.sort(key=lambda bound: (bound.start, events.index(bound.event)))
+Reference = Callable[..., None]
+"""Adds to a comparison what is possible from its starts, each part as soon as it is finished: optima
+(`Comparison.relaxed`), bounds (`Comparison.certified`), or a note that says why there are none. Its arguments are
+the comparison and, by their names, those of `Comparison.fly` from ``certified`` to ``returns``."""
+REFERENCES: Registry[Reference] = Registry(
+    kind="reference of comparisons",
+    group="rans.references",
+    built_in={},
+    checked=lambda reference: reference,
+)
+"""What installed packages compute beside flights, by what it is."""

@@ -20,7 +20,6 @@ CONTROLLERS: Registry[Maker] = Registry(
     {
         "lqr": "rans.optimal.control.lqr:LQR",
         "switching": "rans.optimal.control.switching:Switching",
-        "mpc": "rans.optimal.control.mpc:MPC",
     },
     "rans.evaluation.fly.make_controller:checked",
     elsewhere={
@@ -47,7 +46,7 @@ BESIDE = ("lqr", "switching", "mpc", "optimal")
 
 def default_opponents(task: Task) -> tuple[str, ...]:
     """Names of controllers that fly a task beside the contestants of a comparison, and "optimal"."""
-    from rans.evaluation.problems import problem_of
+    from rans.evaluation.problems import Problem
 
-    problem = problem_of(task)
+    problem = Problem.of(task)
     return BESIDE if problem is None else problem.opponents or BESIDE

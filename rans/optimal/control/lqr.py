@@ -8,9 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rans.errors import checked
+from rans.model.coordinates import rotation_vector
 from rans.model.fields import Heading, Quat, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.allocation import Rounding, inertia
 from rans.optimal.control.dead_thrusters import ExpectsDead
 from rans.optimal.control.regulator import (
     Deadband,
@@ -19,12 +21,7 @@ from rans.optimal.control.regulator import (
     Weights,
     mass_share,
 )
-from rans.optimal.trajectory.allocation import Rounding, inertia
-from rans.optimal.trajectory.guess import rotation_vector
 from rans.tasks.base import Task
-
-_WEIGHTS = Weights()
-_DEADBAND = Deadband()
 
 
 class LQR(ExpectsDead, ModelBased):
@@ -47,14 +44,17 @@ class LQR(ExpectsDead, ModelBased):
     name = "LQR"
     tunable: ClassVar = {**Weights.tunable, **Deadband.tunable}
     """Bounds for `rans tune`."""
+    weights: ClassVar = Weights()
+    deadband: ClassVar = Deadband()
+    """Settings by default."""
 
     def __init__(
         self,
         craft: str | Path | Spacecraft,
         task: str | Task,
         timing: Timing | None = None,
-        weights: Weights = _WEIGHTS,
-        deadband: Deadband = _DEADBAND,
+        weights: Weights = weights,
+        deadband: Deadband = deadband,
     ) -> None:
         super().__init__(craft, task, timing)
         craft = self._craft

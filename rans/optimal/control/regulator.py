@@ -20,10 +20,10 @@ from rans.model.drift import steady
 from rans.model.dynamics import advance, wrench
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
+from rans.optimal.control.allocation import Allocation, check_aims, inertia
 from rans.optimal.control.arguments import craft_and_task
 from rans.optimal.control.linear_motion import LinearMotion
-from rans.optimal.trajectory.allocation import Allocation, check_aims, inertia
-from rans.optimal.trajectory.wheel_torques import WheelTorques
+from rans.optimal.control.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks import Task
 from rans.tasks.derived import is_constrained

@@ -14,10 +14,12 @@ import numpy as np
 
 from rans.errors import ConfigError, checked
 from rans.model.body import Body
+from rans.model.coordinates import rotation_vector
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft, can_turn
 from rans.model.timing import Timing
+from rans.optimal.control.allocation import Allocation, ThrusterPatterns, inertia
 from rans.optimal.control.dead_thrusters import ExpectsDead
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import (
@@ -26,9 +28,7 @@ from rans.optimal.control.regulator import (
     holding,
     mass_share,
 )
-from rans.optimal.trajectory.allocation import Allocation, ThrusterPatterns, inertia
-from rans.optimal.trajectory.guess import rotation_vector
-from rans.optimal.trajectory.wheel_torques import WheelTorques
+from rans.optimal.control.wheel_torques import WheelTorques
 from rans.scenario import scenarios
 from rans.tasks.base import Task
 from rans.tasks.settings import check_settings
@@ -52,7 +52,7 @@ class Curve:
     slower."""
     thrust_time_weight: float = 0.1
     """Price of thrust, s per s of full thrust along an axis of B: larger values coast more. Full thrust is the
-    force that is possible along every axis (`rans.optimal.trajectory.allocation.Allocation.accelerations`), so
+    force that is possible along every axis (`rans.optimal.control.allocation.Allocation.accelerations`), so
     that the price suits craft of any mass and force."""
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ class Switching(ExpectsDead, ModelBased):
     for the position or the attitude, only the velocity or the spin is brought to the goal's.
 
     Reaction wheels give the torque that takes the craft to that curve, less what the pattern gives, as far as
-    they can (`rans.optimal.trajectory.wheel_torques`), also within the dead band.
+    they can (`rans.optimal.control.wheel_torques`), also within the dead band.
 
     Throttled and pulsed thrusters give the part of a pulse after which it is nearest. In a mission on an orbit it
     stays at the goal from the arrival on (`rans.tasks.afterwards`).

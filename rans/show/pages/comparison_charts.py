@@ -10,7 +10,6 @@ from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.statistics import Bootstrap
-from rans.optimal.trajectory.objectives import MinimumFuel, MinimumTime
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.palette import FOUND, RELAXED, series_style
 
@@ -83,7 +82,7 @@ def _relaxed(comparison: Comparison, starts: Sequence[int]) -> Iterator[Series]:
     lost = False
     for rows in comparison.relaxed.values():
         chosen = [rows[k] for k in starts if rows[k].solved]
-        if chosen and isinstance(chosen[0].objective, MinimumTime | MinimumFuel):
+        if chosen and chosen[0].objective in ("time", "fuel"):
             lost = lost or len(chosen) < len(starts)
             x, y = (
                 float(np.median([getattr(row, key) for row in chosen]))

@@ -16,13 +16,11 @@ import numpy as np
 from rans.errors import counted
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry, Spending
-from rans.evaluation.compare.relaxed import Relaxed
-from rans.evaluation.compare.run import Comparison
+from rans.evaluation.compare.run import Comparison, Relaxed
 from rans.evaluation.measure.aggregate import estimated
 from rans.evaluation.measure.metrics import further_samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
 from rans.files import environment
-from rans.optimal.trajectory.objectives import MaximumReward
 from rans.show.palette import series_style
 from rans.table import Table
 from rans.tasks.base import Task
@@ -189,7 +187,7 @@ def best_returns(comparison: Comparison) -> np.ndarray | None:
     """Returns of the relaxed reward optimum, (N,), NaN where none was found; None if nowhere."""
     for rows in comparison.relaxed.values():
         totals = np.array([row.total for row in rows])
-        if isinstance(rows[0].objective, MaximumReward) and np.isfinite(totals).any():
+        if rows[0].objective == "reward" and np.isfinite(totals).any():
             return totals
     return None
 

@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rans_bounds.problem import SearchEffort
+from rans_optimal import relaxed
 
 from rans import ConfigError, Timing
-from rans.evaluation.compare import relaxed
 from rans.evaluation.compare.entrants import enlisted
-from rans.evaluation.compare.run import TYPICAL, Comparison, _find_relaxed
+from rans.evaluation.compare.run import TYPICAL, Comparison
 from rans.flight import fly
-from rans.optimal.trajectory.objectives import MaximumReward
 from rans.progress import unseen_stages
 from rans.show.pages.comparison_page import page
 from rans.show.pages.report import comparison_section
@@ -96,7 +95,7 @@ def test_relaxed_optima_are_by_bounded_times_that_leave_time_to_settle(monkeypat
     for multiples in (TYPICAL, (2.0, 4.0)):
         found = Comparison(contest, multiples=multiples)
         found.__dict__["least_time"] = 2.4
-        _find_relaxed(found, unseen_stages, 1, False)
+        relaxed.add_relaxed(found, stages=unseen_stages, workers=1, returns=False)
     once = ["minimum time", "minimum fuel in 4.8 s"]
     assert asked == [*once, *once, "minimum fuel in 8 s"]
 
@@ -180,9 +179,7 @@ def test_relaxed_optima(comparison):
 def test_a_start_without_optimum_costs_nobody_the_return(comparison):
     """The share is that of the other starts."""
     name, rows = next(
-        (name, rows)
-        for name, rows in comparison.relaxed.items()
-        if isinstance(rows[0].objective, MaximumReward)
+        (name, rows) for name, rows in comparison.relaxed.items() if rows[0].objective == "reward"
     )
     lost = [replace(rows[0], solved=False, total=math.nan), *rows[1:]]
     without = replace(comparison, relaxed={**comparison.relaxed, name: lost})
@@ -200,7 +197,7 @@ def test_interrupt_keeps_what_is_finished(monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr("rans_bounds.transfers.certified_bounds", interrupted)
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    monkeypatch.setattr("rans_optimal.relaxed.objectives", lambda *_: [])
     found = Comparison(CONTEST)
     with pytest.raises(KeyboardInterrupt):
         found.fly(enlisted(["lqr:go-to-pose-2d"], CONTEST), ["optimal"])

@@ -77,14 +77,13 @@ def test_a_reaction_wheel_has_no_optimum_and_a_bound(monkeypatch):
     [
         (PLATFORM, Orbit(), "No bound is certified: .* Orbit has clohessy-wiltshire"),
         (PLATFORM, Chase(), "No bound is certified: .* Chase has clohessy-wiltshire"),
-        (PLATFORM, Watch(), "Neither optima nor bounds are claimed: .* Watch remembers"),
+        (PLATFORM, Watch(), "No optimum is computed: .* Watch remembers"),
     ],
 )
 def test_what_cannot_be_said_is_a_note_and_no_failure(craft, task, said, monkeypatch):
-    monkeypatch.setattr("rans.evaluation.compare.relaxed.objectives", lambda *_: [])
+    monkeypatch.setattr("rans_optimal.relaxed.objectives", lambda *_: [])
     found = Comparison(Contest(craft, task, Timing(episode_steps=30), 4, 3))
     found.fly(enlisted(["lqr"], found.contest), ["optimal"], certified=2, workers=1)
     assert [entry.name for entry in found.entries] == ["LQR"]
     assert found.failures == []
-    (note,) = found.notes
-    assert re.search(said, note)
+    assert any(re.search(said, note) for note in found.notes)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_optimal.mpc import MPC
 
 from rans.evaluation.measure.metrics import final_errors, settling_times
 from rans.flight import fly
@@ -15,7 +16,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC
 from rans.optimal.control.switching import Curve, Switching
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS, GoToPose, TrackTwist

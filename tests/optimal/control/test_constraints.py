@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import pytest
+from rans_optimal.mpc import MPC
 
 from rans.flight import fly
 from rans.model.actuators import Throttle
@@ -14,7 +15,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition
 from tests.support.crafts import deputy

@@ -16,7 +16,7 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import settling_times
 from rans.model.spacecraft import is_steerable
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.trajectory.allocation import Allocation, Rounding
+from rans.optimal.control.allocation import Allocation, Rounding
 from rans.randomization.conditions import Conditions, FaultConditions
 from rans.tasks import GoToPose
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_optimal.mpc import MPC, shortest
 
 from rans.episode import Setup, World, step
 from rans.flight import fly
@@ -17,7 +18,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC, shortest
 from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
 from rans.tasks import GoToPosition, Task

@@ -9,9 +9,9 @@ import pytest
 
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.allocation import Allocation
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, Gains, Regulator, Weights
-from rans.optimal.trajectory.allocation import Allocation
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackVelocityHeading
 

@@ -19,8 +19,8 @@ from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.allocation import ThrusterPatterns
 from rans.optimal.control.switching import Curve, Switching, time_to_rest
-from rans.optimal.trajectory.allocation import ThrusterPatterns
 from rans.scenario import Scenario, scenarios
 from rans.tasks import TASKS, GoToPose
 

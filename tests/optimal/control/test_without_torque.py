@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_optimal.mpc import MPC
 
 from rans.errors import ConfigError
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.optimal.control.allocation import Allocation
 from rans.optimal.control.lqr import LQR
-from rans.optimal.control.mpc import MPC
 from rans.optimal.control.switching import Switching
-from rans.optimal.trajectory.allocation import Allocation
 from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosition, TrackTwist, TrackVelocity
 from tests.support.crafts import deputy, point

@@ -19,10 +19,10 @@ from types import ModuleType
 import numpy as np
 from rans_bounds.goal_set import GoalSet, pulse
 
-from rans.errors import NonFiniteState
 from rans.extend import (
     ON_OFF,
     ConfigError,
+    NonFiniteState,
     Quat,
     Spacecraft,
     SpatialState,

@@ -10,13 +10,13 @@ from typing import Any, cast
 from rans.extend import (
     Controller,
     Failure,
-    Flights,
     FlightStatistics,
     Network,
     Setup,
     Stages,
     unseen_stages,
 )
+from rans.fast.flights import Flights
 from rans_assurance.assure.bounds import CampaignPlan, Decision, ProbabilityBound, lower, upper
 from rans_assurance.assure.fleet import ControllerFleet
 

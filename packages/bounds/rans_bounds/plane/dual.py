@@ -14,8 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import NonFiniteState
-from rans.extend import PlanarState, wrap
+from rans.extend import NonFiniteState, PlanarState, wrap
 from rans_bounds.goal_set import GoalSet
 from rans_bounds.plane.lattice import Lattice
 from rans_bounds.problem import TooManyPoints

@@ -16,8 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.evaluation.compare.bounds import certificates
-from rans.extend import Scenario, Spacecraft, Timing, last_fifth
+from rans.extend import Scenario, Spacecraft, Timing, certificates, last_fifth
 from rans_missions.convex.waypoints import Waypoint, least_impulse_through
 from rans_missions.tasks import Avoid
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from rans.extend import Heading, Quat, Spacecraft, leaves
-from rans.optimal.trajectory.allocation import Rounding
+from rans.optimal.control.allocation import Rounding
 
 
 class Tracker:

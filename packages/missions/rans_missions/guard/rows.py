@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import leaves, map_leaves
-from rans.model.fields import unflatten
+from rans.extend import leaves, map_leaves, unflatten
 
 
 def is_array(x: Any) -> bool:

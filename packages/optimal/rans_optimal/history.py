@@ -1,0 +1,232 @@
+"""Optimal trajectories and certified on/off commands as arrays, figures, tables and flights."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rans.api.pages import Replay
+from rans.extend import (
+    Bound,
+    ConfigError,
+    Flight,
+    Scenario,
+    Spacecraft,
+    Task,
+    Timing,
+    each,
+    fly,
+    leaves,
+    map_leaves,
+    one_of,
+)
+from rans_optimal.optima import Optimum, episode
+from rans_optimal.transcription import Trajectory
+
+
+def page_of(flights: list[Flight], title: str) -> Replay:
+    """A page that replays flights."""
+    return Replay(flights, title)
+
+
+class ControlHistory(ABC):
+    """Commands from one start, each held for a control period, with arrays, a figure, a table and flights."""
+
+    @property
+    @abstractmethod
+    def u(self) -> np.ndarray:
+        """(T, thrusters) commands."""
+
+    @property
+    @abstractmethod
+    def x(self) -> np.ndarray:
+        """(T + 1, k) states: position (m), heading (rad) or quaternion, velocity (m/s), spin (rad/s)."""
+
+    @property
+    @abstractmethod
+    def period(self) -> float:
+        """Time that a command is held, s."""
+
+    @abstractmethod
+    def _flown(self, in_drake: bool) -> Flight:
+        """The flight in Drake, or by our equations."""
+
+    @property
+    def t(self) -> np.ndarray:
+        """(T + 1,) times, s."""
+        return np.arange(len(self.u) + 1) * self.period
+
+    def replay(self, engine: str = "drake") -> Flight:
+        """The commands flown from the same start, in Drake ("drake") or by our equations ("fast").
+
+        Raises:
+            ConfigError: there is no such engine, or there are no commands.
+        """
+        one_of("engine", engine, ("fast", "drake"))
+        return self._flown(engine == "drake")
+
+    def plot(self) -> Any:
+        """A figure of path, errors and commands; `ConfigError` where nothing was found."""
+        return self.replay("drake").plot()
+
+    def view(self) -> Replay:
+        """A page that replays the commands in three dimensions, flown by Drake; see `rans.view`.
+
+        Raises:
+            ConfigError: there are no commands.
+        """
+        flight = self.replay("drake")
+        return page_of([flight], f"{flight.controller}, {flight.craft.name}")
+
+    def to_csv(self, file: str | Path) -> Path:
+        """Write the flight in Drake, see `rans.flight.Flight.to_csv`, and return the file."""
+        return self.replay("drake").to_csv(file)
+
+
+@dataclass(frozen=True, repr=False)
+class OptimalTrajectory(Optimum, ControlHistory):
+    """An optimal trajectory with thrust between 0 and 1, flown in Drake; `rans.optimal_trajectory` returns it.
+
+    >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
+    >>> found.t.shape, found.x.shape, found.u.shape, found.multipliers.shape
+    ((21,), (21, 6), (20, 8), (20, 6))
+    """
+
+    keep_out: tuple[tuple[float, ...], ...] = ()
+    """Balls that the trajectory keeps out of: the coordinates of the centre in W, then the radius, m."""
+
+    def plot(self) -> Any:
+        """As `ControlHistory.plot`, with the balls of ``keep_out`` around the goal at the end."""
+        return self.replay("drake").plot(zones=self.keep_out)
+
+    @property
+    def period(self) -> float:
+        """Time that a command is held, s."""
+        return self.trajectory.control_period
+
+    @property
+    def x(self) -> np.ndarray:
+        """(T + 1, k) states: position (m), heading (rad) or quaternion, velocity (m/s), spin (rad/s)."""
+        return np.stack([np.asarray(leaf) for leaf in leaves(self.trajectory.states)], axis=-1)
+
+    @property
+    def u(self) -> np.ndarray:
+        """(T, thrusters) commands, 0 to 1."""
+        return self.trajectory.commands
+
+    @property
+    def status(self) -> str:
+        """Either "solved", or the reason why there is no solution."""
+        return self.sentence
+
+    @property
+    def multipliers(self) -> np.ndarray:
+        """(T, k) costates: how much the cost falls with a unit more of the state after each period.
+
+        See `rans_optimal.transcription.Optimality`, which also has the residuals of the optimality
+        conditions; `ConfigError` where nothing was found.
+        """
+        if self.trajectory.optimality is None:
+            raise ConfigError(f"there are no multipliers: {self.sentence}.")
+        return self.trajectory.optimality.costates
+
+    def _flown(self, in_drake: bool) -> Flight:
+        """The flight in Drake, or by our equations; `ConfigError` where there is no trajectory."""
+        flight = self.flight
+        if flight is None:
+            raise ConfigError(f"there is no trajectory to fly: {self.sentence}.")
+        if in_drake:
+            return flight
+        first = map_leaves(lambda x: x[0], flight.states)
+        goal = map_leaves(lambda x: x[0] if np.ndim(x) == 2 else x, flight.goals)
+        commands = _OpenLoop(flight.controller, flight.commands)
+        return fly(flight.craft, flight.task, commands, Scenario(first, goal), flight.timing)
+
+
+@dataclass(frozen=True, repr=False)
+class CertifiedBound(Bound, ControlHistory):
+    """Certified bounds of one start, and the best on/off commands that were found; `rans.certify` returns it.
+
+    >>> found = rans.certify("go-to-pose", start=3, control_period=0.5)
+    >>> found.lower, found.upper, found.u.shape
+    (5.5, 5.5, (11, 8))
+    """
+
+    craft: Spacecraft | None = None
+    """The spacecraft."""
+    task: Task | None = None
+    """The task."""
+    scenario: Scenario | None = None
+    """Start and goal, fields of arrays (1,)."""
+    control_period: float = 0.2
+    """Time that a command is held, s."""
+
+    @property
+    def u(self) -> np.ndarray:
+        """(T, thrusters) zeros and ones; `ConfigError` where none were found."""
+        if self.commands is None:
+            raise ConfigError(
+                "no on/off commands were found from this start: there is a bound only; more seconds may "
+                "find some, and none are needed where the start is in the goal set."
+            )
+        return np.array(self.commands, dtype=float)
+
+    @property
+    def period(self) -> float:
+        """Time that a command is held, s."""
+        return self.control_period
+
+    @property
+    def x(self) -> np.ndarray:
+        """(T + 1, k) states, as the engines' equations fly the commands; see `ControlHistory.x`."""
+        states = self.replay("fast").states
+        return np.stack([np.asarray(leaf)[:, 0] for leaf in leaves(states)], axis=-1)
+
+    def _flown(self, in_drake: bool) -> Flight:
+        """The flight in Drake, or by our equations; `ConfigError` where no commands were found."""
+        assert self.craft is not None
+        assert self.task is not None
+        assert self.scenario is not None
+        commands = self.u
+        label = f"certified {self.event.text}"
+        timing = Timing(control_period=self.control_period, episode_steps=len(commands))
+        if not in_drake:
+            open_loop = _OpenLoop(label, commands[:, None])
+            return fly(self.craft, self.task, open_loop, self.scenario, timing)
+        (scenario,) = each(self.scenario)
+        path = Trajectory(
+            objective=label,
+            status="",
+            solved=True,
+            cost=self.upper,
+            states=None,
+            commands=commands,
+            control_period=self.control_period,
+            iterations=0,
+            seconds=self.seconds,
+        )
+        return episode(self.craft, self.task, timing, scenario, path)
+
+
+class _OpenLoop:
+    """Commands that were chosen beforehand, as a controller."""
+
+    observes = False
+
+    def __init__(self, name: str, commands: np.ndarray) -> None:
+        self.name = name
+        self._commands = commands
+        self._step = 0
+
+    def reset(self, count: int) -> None:
+        """See `rans.flight.Controller`."""
+        self._step = 0
+
+    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
+        """See `rans.flight.Controller`."""
+        self._step += 1
+        return self._commands[self._step - 1]
