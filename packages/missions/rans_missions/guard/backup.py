@@ -113,7 +113,7 @@ class _Search:
         horizon = periods_of(seconds, timing.control_period)
         self._world = world
         self.ahead = Ahead(world, guard.reserve)
-        self._coasting = Coasting(self.ahead, guard.slack, horizon)
+        self._coasting = Coasting(self.ahead, horizon)
         self._thrusters = Thrusters.of(world)
         # Throttles have one manoeuvre: to brake.
         self._brakes = world.craft.actuators.kind == "throttle"

@@ -29,19 +29,13 @@ class Coasting:
 
     ahead: Ahead
     """Spacecraft, task and reserves of its constraints."""
-    slack: float
-    """Least margin, in the unit of each margin."""
     horizon: int
     """Number of control periods that are evaluated if the result is not for all times."""
-
-    def safe(self, state: Any, goal: Any) -> Field:
-        """Whether coasting from states (N,) with goals (N,) of arrays is safe, (N,) bool."""
-        return self.least(state, goal) >= self.slack
 
     def least(self, state: Any, goal: Any) -> Field:
         """Least margin of coasting from states (N,) with goals (N,), less the largest reserve, (N,).
 
-        From `slack` on it is a promise that all valves may be shut: it may be too low, never too high.
+        From the filter's slack on it is a promise that all valves may be shut: it may be too low, never too high.
         """
         balls = self._balls(goal)
         if balls is None:

@@ -39,17 +39,12 @@ def test_coasting_past_balls_is_judged_as_by_small_steps(xs, radius):
     world = World(Setup(PLATFORM, task, task.timing))
     times = np.linspace(0.0, 60.0, 4001)
     gaps = ball.later(times).gap(p + v.scale(times))
-    coasting = Coasting(Ahead(world), 0.0, 3)
-    found = bool(coasting.safe(state, goal)[0])
+    coasting = Coasting(Ahead(world), 3)
     # Between two instants a gap falls by half of the way at most, and what is later than 60 s is not seen.
     step = 0.5 * 60.0 / 4000 * float(np.hypot(vx - 0.05 * ux, vy - 0.05 * uy))
     least = float(coasting.least(state, goal)[0])
     assert least <= gaps.min() + 1e-9
     assert least >= gaps.min() - step - 1e-9 or gaps.argmin() == 4000
-    if gaps.min() < 0.0:
-        assert not found
-    elif gaps.min() > step and gaps.argmin() < 4000:
-        assert found
 
 
 def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not():
@@ -61,7 +56,7 @@ def test_coasting_in_a_turning_cone_is_never_called_safe_where_it_is_not():
     v = Vec2(*(0.05 * rng.normal(size=(2, 200))))
     state = replace(starts.start, p=p, v=v)
     world = World(Setup(PLATFORM, task, task.timing))
-    found = Coasting(Ahead(world), 0.0, 200).safe(state, starts.goal)
+    found = Coasting(Ahead(world), 200).least(state, starts.goal) >= 0.0
     times = np.linspace(0.0, 40.0, 4001)[:, None]
     moved, _ = FREE.carry(p, v, times)
     margins = task.constraints(replace(state, p=moved), task.later(starts.goal, times))
