@@ -11,13 +11,21 @@ import math
 import os
 import shlex
 import warnings
-from collections.abc import Callable, Collection
-from functools import partial
+from collections.abc import Callable, Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError, RansWarning, brief, meant, meant_file, text_of_name
+from rans.errors import (
+    ConfigError,
+    RansWarning,
+    brief,
+    is_finite,
+    meant,
+    meant_file,
+    one_of,
+    text_of_name,
+)
 from rans.files import distinct, first_line, read_text
 from rans.languages import Toml
 from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, OnOff, Propellant, Wheel
@@ -28,12 +36,9 @@ from rans.registry import Registry, typed
 from rans.structure import LARGEST_TOML, read_toml, refuse_other_file, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia")
-_OPTIONAL = {"thruster", "wheel", "effector"} | {f.name for f in dataclasses.fields(Spacecraft)} - {
-    "thrusters",
-    "wheels",
-    "further_effectors",
-    *_REQUIRED,
-}
+_VALUES = ("name", "mass", "inertia", "radius", "thrust_sharing", "shape")
+"""Keys whose values `Spacecraft` has as they are, and refuses where they are wrong."""
+_OPTIONAL = {*_VALUES, "centre_of_mass", "actuators", "propellant", "thruster", "wheel", "effector"}
 
 
 class DescribedSpacecraft(NamedTuple):
@@ -222,29 +227,44 @@ def to_toml(craft: Spacecraft) -> str:
 
     Agents' folders have this text, and stored certificates its digest: a new key must be left out at its default.
     """
+    return "\n".join(f"{heading}{_lines(table)}" for heading, table in sections(craft))
+
+
+def sections(craft: Spacecraft, every: bool = False) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Tables of the file of a craft with their headings, in order.
+
+    Args:
+        craft: any.
+        every: whether settings of actuators that have their defaults are among them.
+    """
     table: dict[str, Any] = dataclasses.asdict(craft)
+    parts = {key: table.pop(key) for key in ("actuators", "propellant", "thrusters", "wheels")}
     del table["further_effectors"]
-    defaults = {f.name: f.default for f in dataclasses.fields(craft.actuators)}
-    entries = table.pop("actuators").items()
-    actuators = {"kind": craft.actuators.kind} | {
-        key: value
-        for key, value in entries
-        if value != defaults[key] or craft.actuators.kind == "pulsed"
+    yield "", table
+    usual = {} if every or craft.actuators.kind == "pulsed" else vars(type(craft.actuators))
+    settings = {
+        key: x for key, x in parts["actuators"].items() if key not in usual or x != usual[key]
     }
-    tank = table.pop("propellant")
-    if tank is not None and tank["position"] is None:
-        del tank["position"], tank["radius"]
-    propellant = "" if tank is None else f"\n[propellant]\n{_lines(tank)}"
-    wheels = "".join(f"\n[[wheel]]\n{_lines(each)}" for each in table.pop("wheels"))
-    single = len(craft.supplies) == 1
-    thrusters = "".join(
-        "\n[[thruster]]\n"
-        + _lines({key: value for key, value in each.items() if not (single and key == "supply")})
-        for each in table.pop("thrusters")
-    )
-    further = "".join(_effector_lines(effector) for effector in craft.further_effectors)
-    tables = f"{propellant}{thrusters}{wheels}{further}"
-    return f"{_lines(table)}\n[actuators]\n{_lines(actuators)}{tables}"
+    yield "[actuators]\n", {"kind": craft.actuators.kind} | settings
+    if (tank := parts["propellant"]) is not None:
+        if tank["position"] is None:
+            del tank["position"], tank["radius"]
+        yield "[propellant]\n", tank
+    for each in parts["thrusters"]:
+        if len(craft.supplies) == 1:
+            del each["supply"]
+        yield "[[thruster]]\n", each
+    for each in parts["wheels"]:
+        yield "[[wheel]]\n", each
+    further: tuple[Any, ...] = craft.further_effectors
+    for effector in further:
+        kind = effector_kind(effector)
+        settings = dataclasses.asdict(effector)
+        if kind in EFFECTORS:
+            yield f"[{kind}]\n", settings
+        else:
+            typed(kind)  # which files of this process may then name
+            yield "[[effector]]\n", {"kind": kind} | settings
 
 
 def effector_kind(effector: object) -> str:
@@ -256,212 +276,102 @@ def effector_kind(effector: object) -> str:
     return f"{type(effector).__module__}:{type(effector).__qualname__}"
 
 
-def _effector_lines(effector: Any) -> str:
-    """Table of a further effector as TOML lines; a kind of no package is then allowed in files of this process."""
-    settings = dataclasses.asdict(effector)
-    kind = effector_kind(effector)
-    if kind in EFFECTORS:
-        return f"\n[{kind}]\n{_lines(settings)}"
-    typed(kind)
-    return f"\n[[effector]]\n{_lines({'kind': kind} | settings)}"
-
-
 def _lines(table: dict[str, Any]) -> str:
     """TOML lines of a table of texts, numbers and lists."""
     return "".join(f"{key} = {Toml.value(value)}\n" for key, value in table.items())
 
 
 def _build(table: dict[str, Any]) -> Spacecraft:
-    # Tables with the name of a kind of effector.
-    """The spacecraft of a table whose keys are known; every value is read by its own reader."""
-    kinds = [kind for kind in EFFECTORS if kind in table]
-    _check_keys(table, _REQUIRED, {*_OPTIONAL, *EFFECTORS}, "the file", "")
-    lengths = (3,) if table["dimension"] == 3 else (2, 3)
-    named = tuple(_effector(table[kind], kind, kind, lengths) for kind in kinds)
-    readers: dict[str, Callable[[Any, str], Any]] = {
-        "name": _text,
-        "dimension": lambda value, _: value,
-        "mass": _number,
-        "inertia": _inertia,
-        "thruster": partial(_thrusters, lengths=lengths),
-        "centre_of_mass": partial(_vector, lengths=lengths),
-        "radius": _number,
-        "actuators": _actuators,
-        "propellant": partial(_propellant, lengths=lengths),
-        "wheel": _wheels,
-        "effector": partial(_further, lengths=lengths),
-        "thrust_sharing": _text,
-        "shape": _text,
-    }
-    values = {key: read(table[key], key) for key, read in readers.items() if key in table}
+    """The spacecraft of a table: keys and kinds of the values of parts are checked here, bounds by `Spacecraft`."""
+    allowed = sorted({*_REQUIRED, *_OPTIONAL, *EFFECTORS})
+    for key in table:
+        if key not in allowed:
+            raise ConfigError(
+                f"unknown key {brief(key)} in the file{meant(key, allowed)}; known are {', '.join(allowed)}."
+            )
+    for key in _REQUIRED:
+        if key not in table:
+            raise ConfigError(f"the key {brief(key)} is missing.")
+    flat = table["dimension"] != 3
+    values = {key: _numbers(table[key]) for key in _VALUES if key in table}
+    if not isinstance(moment := values["inertia"], tuple):
+        values["inertia"] = ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment))
+    if "centre_of_mass" in table:
+        values["centre_of_mass"] = _numbers(_vector(table["centre_of_mass"], flat))
+    if "actuators" in table:
+        values["actuators"] = _actuators(table["actuators"])
+    if "propellant" in table:
+        values["propellant"] = _part(Propellant, table["propellant"], "propellant", flat)
+    named = [_part(EFFECTORS[kind], table[kind], kind, flat) for kind in EFFECTORS if kind in table]
     return Spacecraft(
-        thrusters=values.pop("thruster", ()),
-        wheels=values.pop("wheel", ()),
-        further_effectors=(*named, *values.pop("effector", ())),
+        dimension=table["dimension"],
+        thrusters=_parts(table, "thruster", lambda _: Thruster, flat),
+        wheels=_parts(table, "wheel", lambda _: Wheel, flat),
+        further_effectors=(*named, *_parts(table, "effector", _kind, flat)),
         **values,
     )
 
 
-def _thrusters(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Thruster, ...]:
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(f"{key} must be [[thruster]] tables, got {brief(tables)}.")
-    return tuple(_thruster(table, index, lengths) for index, table in enumerate(tables))
-
-
-def _thruster(table: dict[str, Any], index: int, lengths: tuple[int, ...]) -> Thruster:
-    """Thruster of the table with this number; a direction gets unit length, vectors have one of ``lengths``."""
-    where = f"thruster {index}"
-    _check_keys(table, ("direction", "force", "position"), ("supply",), where, f"{where}: ")
-    direction = _unit(table["direction"], f"{where} direction", lengths)
-    return Thruster(
-        _vector(table["position"], f"{where} position", lengths),
-        direction,
-        _number(table["force"], f"{where} force"),
-        table.get("supply", 0),
+def _parts(
+    table: dict[str, Any], key: str, kind: Callable[[dict[str, Any]], Any], flat: bool
+) -> tuple[Any, ...]:
+    """Parts of the tables ``[[key]]`` in their order; ``kind`` takes the class of a part from its table."""
+    tables = table.get(key, [])
+    if not isinstance(tables, list) or not all(isinstance(each, dict) for each in tables):
+        raise ConfigError(f"{key} must be [[{key}]] tables, got {brief(tables)}.")
+    return tuple(
+        _part(kind(each), each, f"{key} {index}", flat)
+        for index, each in enumerate(map(dict, tables))
     )
 
 
-def _unit(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
-    """Unit vector along a direction of any length."""
-    direction = _vector(value, key, lengths)
-    length = math.hypot(*direction)
-    if not (math.isfinite(length) and length > 0):
-        raise ConfigError(f"{key} must be finite and not zero, got {brief(direction)}.")
-    if abs(length - 1.0) < 1e-15:  # the rounding of a unit vector that was written
-        length = 1.0
-    return (direction[0] / length, direction[1] / length, direction[2] / length)
+def _kind(table: dict[str, Any]) -> Any:
+    """Class of an effector by its ``kind``, which is taken out of its table."""
+    if "kind" not in table:
+        raise ConfigError('every [[effector]] table has a key "kind".')
+    return EFFECTORS[table.pop("kind")]
 
 
-def _wheels(tables: Any, key: str) -> tuple[Wheel, ...]:
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(f"{key} must be [[wheel]] tables, got {brief(tables)}.")
-    return tuple(_wheel(table, index) for index, table in enumerate(tables))
-
-
-def _wheel(table: dict[str, Any], index: int) -> Wheel:
-    where = f"wheel {index}"
-    names = ("axis", "max_torque", "max_momentum", "inertia")
-    _check_keys(table, names, (), where, f"{where}: ")
-    numbers = (_number(table[name], f"{where} {name}") for name in names[1:])
-    return Wheel(_unit(table["axis"], f"{where} axis", (3,)), *numbers)
-
-
-def _effector(table: Any, key: str, kind: str, lengths: tuple[int, ...]) -> Any:
-    """Further effector of a kind from its settings.
-
-    A vector of two numbers, where the craft has such (`lengths`), is one of three whose last is zero; a setting
-    "direction" may have any length.
-    """
+def _part(kind: Any, table: Any, where: str, flat: bool) -> Any:
+    """Part of a craft of a class from its table, where vectors of planar craft may have two numbers (`_vector`)."""
     if not isinstance(table, dict):
-        raise ConfigError(f"{key} must be a table, got {brief(table)}.")
-    made = EFFECTORS[kind]
+        raise ConfigError(f"{where} must be a table, got {brief(table)}.")
     vectors = {
-        field.name: table[field.name]
-        for field in dataclasses.fields(made)
-        if field.name in table and str(field.type) == "tuple[float, float, float]"
+        field.name: _vector(table[field.name], flat, field.name in ("direction", "axis"))
+        for field in dataclasses.fields(kind)
+        if field.name in table and "tuple[float, float, float]" in str(field.type)
     }
-    read = {
-        name: list((_unit if name == "direction" else _vector)(value, f"{key} {name}", lengths))
-        for name, value in vectors.items()
-    }
-    return structure(table | read, made, key)
+    return structure(table | vectors, kind, where)
 
 
-def _further(tables: Any, key: str, lengths: tuple[int, ...]) -> tuple[Any, ...]:
-    """Effectors of the tables ``[[effector]]`` in their order, which is that of their commands."""
-    if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-        raise ConfigError(f"{key} must be [[effector]] tables, got {brief(tables)}.")
-    parts = []
-    for index, table in enumerate(tables):
-        where = f"effector {index}"
-        if "kind" not in table:
-            raise ConfigError(f'{where}: the key "kind" is missing.')
-        kind = _text(table["kind"], f"{where} kind")
-        settings = {name: value for name, value in table.items() if name != "kind"}
-        parts.append(_effector(settings, where, kind, lengths))
-    return tuple(parts)
+def _vector(value: Any, flat: bool, is_unit: bool = False) -> Any:
+    """A vector of two numbers with z = 0 in the plane, and of unit length if one is meant; others as they are."""
+    if not isinstance(value, list):
+        return value
+    if flat and len(value) == 2:
+        value = [*value, 0.0]
+    if not is_unit or len(value) != 3 or not all(map(is_finite, value)):
+        return value
+    length = math.hypot(*value)
+    is_written = abs(length - 1.0) < 1e-15  # the rounding of a unit vector that was written
+    return value if length == 0.0 or is_written else [x / length for x in value]
 
 
-def _propellant(table: Any, key: str, lengths: tuple[int, ...]) -> Propellant:
-    if not isinstance(table, dict):
-        raise ConfigError(f"{key} must be a table, got {brief(table)}.")
-    _check_keys(table, ("mass", "specific_impulse"), ("position", "radius"), key, f"{key}: ")
-    values: dict[str, Any] = {
-        name: _vector(value, f"{key} {name}", lengths)
-        if name == "position"
-        else _number(value, f"{key} {name}")
-        for name, value in table.items()
-    }
-    return Propellant(**values)
+def _numbers(value: Any) -> Any:
+    """Lists as tuples and whole numbers as real ones; all else as it is, for `Spacecraft` to refuse."""
+    if isinstance(value, list):
+        return tuple(map(_numbers, value))
+    return float(value) if type(value) is int and is_finite(value) else value
 
 
-def _actuators(table: Any, key: str) -> Actuators:
+def _actuators(table: Any) -> Actuators:
     """The kind of valves of a file with its numbers, by `KINDS`; unknown kinds and keys are refused."""
     if not isinstance(table, dict) or "kind" not in table:
-        raise ConfigError(f'{key} must be a table with the key "kind", got {brief(table)}.')
-    kind = KINDS.get(_text(table["kind"], "kind"))
-    if kind is None:
-        raise ConfigError(
-            f"actuators have the kind {brief(table['kind'])}; known are {', '.join(KINDS)}."
-        )
-    settings = dataclasses.fields(kind)
-    where = f"actuators of the kind {brief(table['kind'])}"
-    further = [key for key in table if key != "kind"]
-    if kind is OnOff and further:
-        raise ConfigError(f"unknown key {brief(further[0])} in {where}: {WHOLE_PERIODS}.")
-    needed = [field.name for field in settings if field.default is dataclasses.MISSING]
-    _check_keys(table, needed, ["kind", *(field.name for field in settings)], where, f"{where}: ")
-    return kind(**{key: value for key, value in table.items() if key != "kind"})
-
-
-def _check_keys(
-    table: dict[str, Any],
-    needed: Collection[str],
-    optional: Collection[str],
-    where: str,
-    prefix: str,
-) -> None:
-    """Reject unknown keys with the nearest allowed one, and tables without the required ones (`ConfigError`)."""
-    allowed = sorted({*needed, *optional})
-    for key in table:
-        if key not in allowed:
-            raise ConfigError(
-                f"unknown key {brief(key)} in {where}{meant(key, allowed)}; known are {', '.join(allowed)}."
-            )
-    for key in needed:
-        if key not in table:
-            raise ConfigError(f"{prefix}the key {brief(key)} is missing.")
-
-
-def _text(value: Any, key: str) -> str:
-    if not isinstance(value, str) or not value.strip():
-        raise ConfigError(f"{key} must be a non-empty text, got {brief(value)}.")
-    return value
-
-
-def _number(value: Any, key: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise ConfigError(f"{key} must be a number, got {brief(value)}.")
-    try:
-        return float(value)
-    except OverflowError as error:
-        raise ConfigError(f"{key} is too large for a 64-bit float, got {brief(value)}.") from error
-
-
-def _vector(value: Any, key: str, lengths: tuple[int, ...]) -> tuple[float, float, float]:
-    """Vector of three numbers; if two are allowed, the third is zero."""
-    if not isinstance(value, list) or len(value) not in lengths:
-        count = " or ".join(map(str, lengths))
-        raise ConfigError(f"{key} must be a list of {count} numbers, got {brief(value)}.")
-    x, y, *z = (_number(each, key) for each in value)
-    return (x, y, z[0] if z else 0.0)
-
-
-def _inertia(value: Any, key: str) -> tuple[tuple[float, float, float], ...]:
-    """Inertia tensor from three rows, or from one number for three equal principal moments."""
-    if not isinstance(value, list):
-        moment = _number(value, key)
-        return ((moment, 0.0, 0.0), (0.0, moment, 0.0), (0.0, 0.0, moment))
-    if len(value) != 3 or not all(isinstance(row, list) and len(row) == 3 for row in value):
-        raise ConfigError(f"{key} must be one number or three rows of three, got {brief(value)}.")
-    return tuple(_vector(row, key, (3,)) for row in value)
+        raise ConfigError(f'actuators must be a table with the key "kind", got {brief(table)}.')
+    settings = dict(table)
+    kind = settings.pop("kind")
+    one_of("the kind of actuators", kind, KINDS)
+    where = f"actuators of the kind {brief(kind)}"
+    if KINDS[kind] is OnOff and settings:
+        raise ConfigError(f"unknown key {brief(next(iter(settings)))} in {where}: {WHOLE_PERIODS}.")
+    return structure(settings, KINDS[kind], where)
