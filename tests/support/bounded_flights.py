@@ -24,6 +24,7 @@ from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, thrust, wrench
 from rans.model.fields import Heading, Vec2
 from rans.scenario import Scenario
+from tests.support.crafts import triple
 from tests.support.states import spatial
 
 PERIOD = 0.2
@@ -88,9 +89,9 @@ def random_craft(random: np.random.Generator) -> Spacecraft:
         # aside of the line through the centre by an arm from a short list: sums of torques often cancel
         aside = np.cross(way, (0.0, 0.0, 1.0) if dimension == 2 else random.normal(size=3))
         place = arm * aside / np.linalg.norm(aside) + random.uniform(-0.3, 0.3) * way
-        nozzles.append(Thruster(_triple(place), _triple(way), float(force)))
+        nozzles.append(Thruster(triple(place), triple(way), float(force)))
         if random.random() < 0.4:  # and one against it on the other side: a couple
-            nozzles.append(Thruster(_triple(-place), _triple(-way), float(force)))
+            nozzles.append(Thruster(triple(-place), triple(-way), float(force)))
     a, b, c = map(float, random.uniform(0.02, 0.3, 3))
     inertia = ((b + c, 0.0, 0.0), (0.0, a + c, 0.0), (0.0, 0.0, a + b))
     sharing = "split" if random.random() < 0.25 else "none"
@@ -104,11 +105,6 @@ def random_craft(random: np.random.Generator) -> Spacecraft:
             tuple(nozzles[:8]),
             thrust_sharing=sharing,
         )
-
-
-def _triple(vector: np.ndarray) -> tuple[float, float, float]:
-    x, y, z = (float(value) for value in vector)
-    return x, y, z
 
 
 def flight(craft: Spacecraft, random: np.random.Generator) -> tuple[Any, Any, float, int] | None:

@@ -70,9 +70,9 @@ def nasty_planar() -> Spacecraft:
 def nasty_spatial() -> Spacecraft:
     """Off-centre mass, three different principal moments about skew axes, fourteen unequal thrusters."""
     generator = np.random.default_rng(5)
-    half = [(_triple(generator.uniform(-0.4, 0.4, 3)), generator.normal(size=3)) for _ in range(7)]
+    half = [(triple(generator.uniform(-0.4, 0.4, 3)), generator.normal(size=3)) for _ in range(7)]
     thrusters = tuple(
-        Thruster(position, _triple(sign * axis / np.linalg.norm(axis)), 0.3 + 0.2 * index)
+        Thruster(position, triple(sign * axis / np.linalg.norm(axis)), 0.3 + 0.2 * index)
         for index, (position, axis) in enumerate(half)
         for sign in (1.0, -1.0)
     )
@@ -83,7 +83,7 @@ def deputy() -> Spacecraft:
     """The deputy of AFRL's docking environment (Ravaioli et al., 2022): 12 kg, 1 N of throttle each way along
     every axis, through the centre of mass."""
     axes = np.vstack([np.eye(3), -np.eye(3)])
-    thrusters = tuple(Thruster((0.0, 0.0, 0.0), _triple(axis), 1.0) for axis in axes)
+    thrusters = tuple(Thruster((0.0, 0.0, 0.0), triple(axis), 1.0) for axis in axes)
     return Spacecraft(
         "deputy", 3, 12.0, ((0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, 0.0, 0.3)), thrusters,
         actuators=Throttle(),
@@ -107,10 +107,11 @@ def _rotated(moments: Any, axes: Rotation) -> Tensor:
     matrix = axes.as_matrix()
     tensor = matrix @ np.diag(moments) @ matrix.T
     tensor = (tensor + tensor.T) / 2  # equal to the last bit: the reader asks for symmetry
-    return tuple(_triple(row) for row in tensor)
+    return tuple(triple(row) for row in tensor)
 
 
-def _triple(vector: Any) -> Triple:
+def triple(vector: Any) -> Triple:
+    """Three numbers as a craft has them."""
     x, y, z = (float(component) for component in vector)
     return (x, y, z)
 
@@ -145,7 +146,7 @@ def thrusters(draw: st.DrawFn, dimension: Literal[2, 3], height: float) -> Thrus
 @st.composite
 def spacecraft(draw: st.DrawFn, dimension: Literal[2, 3]) -> Spacecraft:
     """Any physical spacecraft with 1 to 10 thrusters, controllable or not."""
-    com = _triple(draw(_numbers(-0.3, 0.3)) for _ in range(3))
+    com = triple(draw(_numbers(-0.3, 0.3)) for _ in range(3))
     nozzles = draw(st.lists(thrusters(dimension, com[2]), min_size=1, max_size=10))
     with warnings.catch_warnings():  # too few thrusters to control it is a case we want
         warnings.simplefilter("ignore", UserWarning)

@@ -31,6 +31,7 @@ from rans.model.spacecraft import Spacecraft, Store, Thruster, controls_every_di
 from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
+from tests.support.crafts import triple
 from tests.support.pair_oracle import Oracle
 from tests.support.played import Played
 from validation.study.sampling import Restless, gaps
@@ -164,7 +165,7 @@ def craft_with(
         tensor = axes @ np.diag([b + c, a + c, a + b]) @ axes.T * size
         nozzles = tuple(
             Thruster(
-                _triple(random.uniform(-0.3, 0.3, 3) * flat),
+                triple(random.uniform(-0.3, 0.3, 3) * flat),
                 _unit(random.normal(size=3) * flat),
                 strength * random.uniform(0.2, 0.8) if force is None else force,
             )
@@ -196,7 +197,7 @@ def craft_with(
                 arm = _unit(random.normal(size=3) * flat)
                 spread = (a + b if dimension == 2 else min(a, b, c)) * size
                 away = random.uniform(0.3, 0.5) * math.sqrt(spread * (1.0 / burned - 1.0 / mass))
-                tank = replace(tank, position=_triple(away * np.array(arm)), radius=0.5 * away)
+                tank = replace(tank, position=triple(away * np.array(arm)), radius=0.5 * away)
         further: tuple[Any, ...] = ()
         if "slosh" in effects:
             # Up to a tenth of the mass, with a hundredth of critical friction at 0.3 m/s^2.
@@ -205,7 +206,7 @@ def craft_with(
             slosh = rans.Slosh(
                 swings,
                 length,
-                _triple(random.uniform(-0.05, 0.05, 3) * flat),
+                triple(random.uniform(-0.05, 0.05, 3) * flat),
                 _unit(random.normal(size=3) * flat),
                 0.02 * swings * length**2 * math.sqrt(0.3 / length),
             )
@@ -216,9 +217,9 @@ def craft_with(
                 "random",
                 dimension,
                 mass,
-                tuple(map(_triple, (tensor + tensor.T) / 2)),
+                tuple(map(triple, (tensor + tensor.T) / 2)),
                 nozzles,
-                centre_of_mass=_triple(random.uniform(-0.1, 0.1, 3) * flat * is_stiff),
+                centre_of_mass=triple(random.uniform(-0.1, 0.1, 3) * flat * is_stiff),
                 thrust_sharing="split" if is_stiff and random.random() < 0.5 else "none",
                 wheels=wheels,
                 propellant=tank,
@@ -230,12 +231,7 @@ def craft_with(
 
 
 def _unit(vector: Any) -> tuple[float, float, float]:
-    return _triple(vector / np.linalg.norm(vector))
-
-
-def _triple(vector: Any) -> tuple[float, float, float]:
-    x, y, z = (float(component) for component in vector)
-    return (x, y, z)
+    return triple(vector / np.linalg.norm(vector))
 
 
 def conditions_of(effects: Collection[str], force: float | None = None) -> Conditions | None:
@@ -311,9 +307,7 @@ def flown(
         stores += tuple(np.array([s.initial]) for s in _stores_of_rod(craft))
         starts = replace(starts, start=replace(starts.start, stores=stores))
     own = draws(seed, 1)
-    with (
-        warnings.catch_warnings()
-    ):  # that a period of 0.5 s is too long for some of them, or a step
+    with warnings.catch_warnings():  # a period of 0.5 s is too long for some of them, or a step
         for known in ("can hardly be controlled", "set timing.substeps"):
             warnings.filterwarnings("ignore", message=f".*{known}")
         pilot = Restless(craft, seed, *([0.0] if STIFF in effects else []))
@@ -321,17 +315,9 @@ def flown(
     return Flown(flight, starts, conditions, own)
 
 
-def compare(
-    effects: Collection[str],
-    dimension: Literal[2, 3],
-    period: float,
-    seed: int,
-    seconds: float = 25.0,
-    force: float | None = None,
-    substeps: int | None = None,
-) -> Apart:
+def compare(*given: Any, **how: Any) -> Apart:
     """Fly a random craft under some effects in RANS, and again by the oracle; see `flown`."""
-    flight, _, conditions, own = flown(effects, dimension, period, seed, seconds, force, substeps)
+    flight, _, conditions, own = flown(*given, **how)
     drawn = None
     if conditions is not None:
         craft = flight.craft
@@ -341,23 +327,15 @@ def compare(
     return _apart(flight, unflatten(flight.states, [column[:, None] for column in rows.T]))
 
 
-def compare_with_drake(
-    effects: Collection[str],
-    dimension: Literal[2, 3],
-    period: float,
-    seed: int,
-    seconds: float = 10.0,
-    max_step: float | None = None,
-) -> Apart:
+def compare_with_drake(*given: Any, seconds: float = 10.0, max_step: float | None = None) -> Apart:
     """Fly a random craft under some effects in RANS, and its commands again in Drake, in steps of so many s."""
-    flight, starts, conditions, own = flown(effects, dimension, period, seed, seconds)
-    again = Played(flight.commands)
+    flight, starts, conditions, own = flown(*given, seconds=seconds)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message=".*can hardly be controlled")
         judged = fly_in_drake(
             flight.craft,
             flight.task,
-            again,
+            Played(flight.commands),
             starts,
             flight.timing,
             conditions=conditions,
