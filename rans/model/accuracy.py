@@ -11,11 +11,14 @@ from __future__ import annotations
 import math
 import warnings
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.body import Body, numbers
+from rans.model.dynamics import wrench_of
+from rans.model.fields import leaves, map_leaves
 from rans.model.pace import longest_sum
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -201,52 +204,21 @@ def _ways(craft: Spacecraft, body: Body) -> np.ndarray:
     About the true centre of mass; a leak counts as thrust.
     """
     tensors = np.atleast_3d(_tensors(body).T).T
-    size = craft.dimension
     count = craft.thruster_count
     if not count:
         return np.zeros((len(tensors), 0, tensors.shape[-1]))
-    table = _wrenches(craft, body)
+    own: Any = map_leaves(numbers, body)
     opened = [
-        numbers(gain) + numbers(leak)
-        for gain, leak in zip(body.gain or (1.0,) * count, body.leak or (0.0,) * count, strict=True)
+        gain + leak
+        for gain, leak in zip(own.gain or (1.0,) * count, own.leak or (0.0,) * count, strict=True)
     ]
-    openings = np.atleast_2d(np.stack(np.broadcast_arrays(*opened), axis=-1))
-    offset = map(numbers, body.centre or (0.0,) * size)
-    centre = np.atleast_2d(np.stack(np.broadcast_arrays(*offset), axis=-1))[:, None]
-    force = table[..., :size]
-    moment_shift = (
-        np.cross(centre, force)
-        if size == 3
-        else (centre[..., :1] * force[..., 1:] - centre[..., 1:] * force[..., :1])
-    )
-    torques = (table[..., size:] - moment_shift) * openings[..., None]
-    return np.linalg.solve(tensors[:, None], torques[..., None])[..., 0]
-
-
-def _wrenches(craft: Spacecraft, body: Body) -> np.ndarray:
-    """Wrench of each fully open thruster, N and N m: (n, 3 or 6), with true positions (bodies, n, 3 or 6).
-
-    About the designed centre of mass: `_ways` moves torques to the true one.
-    """
-    if not body.mountings:
-        return craft.wrenches
-    size = craft.dimension
-    offset, direction = (
-        np.stack(
-            np.broadcast_arrays(
-                *(numbers(x) for mounting in body.mountings for x in part(mounting))
-            ),
-            axis=-1,
-        ).reshape(-1, craft.thruster_count, size)
-        for part in (lambda mounting: mounting.offset, lambda mounting: mounting.direction)
-    )
-    designed = np.array([thruster.position for thruster in craft.thrusters])
-    arm = (designed - np.array(craft.centre_of_mass))[:, :size] + offset
-    force = np.array([thruster.force for thruster in craft.thrusters])[:, None] * direction
-    if size == 3:
-        return np.concatenate([force, np.cross(arm, force)], axis=-1)
-    torque = arm[..., :1] * force[..., 1:] - arm[..., 1:] * force[..., :1]
-    return np.concatenate([force, torque], axis=-1)
+    # One thruster at a time along the first axis, and bodies along the second.
+    alone = [np.outer(row, opening) for row, opening in zip(np.eye(count), opened, strict=True)]
+    applied = leaves(wrench_of(craft, alone, own))
+    torques = np.stack(np.broadcast_arrays(*applied), axis=-1)[
+        ..., craft.dimension : craft.degrees_of_freedom
+    ]
+    return np.linalg.solve(tensors[:, None], torques.swapaxes(0, 1)[..., None])[..., 0]
 
 
 def _wheel_ways(craft: Spacecraft, body: Body) -> np.ndarray:
