@@ -16,7 +16,6 @@ from rans.lazy import homes
 
 if TYPE_CHECKING:
     from rans.api.judging import SpacecraftLike as SpacecraftLike
-    from rans.api.names import load_conditions as load_conditions
     from rans.api.names import load_spacecraft as load_spacecraft
     from rans.cli.door import POSE as POSE
     from rans.cli.door import Options as Options
@@ -161,22 +160,23 @@ if TYPE_CHECKING:
     from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
     from rans.policy.adaptation import Rows as Rows
     from rans.policy.architecture import Architecture as Architecture
-    from rans.policy.authority import Authority as Authority
+    from rans.policy.backbones import Backbone as Backbone
     from rans.policy.capabilities import Capabilities as Capabilities
     from rans.policy.frame_rotation import cross as cross
     from rans.policy.frame_rotation import vector_in_rotated_frame as vector_in_rotated_frame
+    from rans.policy.heads import Patterns as Patterns
     from rans.policy.network import Network as Network
     from rans.policy.preprocess import ColumnExecutor as ColumnExecutor
     from rans.policy.preprocess import TorchPreprocessor as TorchPreprocessor
     from rans.policy.program import Program as Program
     from rans.policy.program import RowStep as RowStep
+    from rans.policy.subsets import subsets as subsets
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress
     from rans.progress import Stages as Stages
     from rans.progress import unseen as unseen
     from rans.progress import unseen_stages as unseen_stages
     from rans.randomization.conditions import Conditions as Conditions
-    from rans.randomization.conditions import ThrusterConditions as ThrusterConditions
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions import largest as largest
     from rans.randomization.conditions_file import conditions_text as conditions_text

@@ -431,14 +431,14 @@ def test_what_is_not_used_is_not_loaded(statement, tmp_path):
 TRAIN = """
 import sys
 from rans.cli import main
-from rans.fast.learn import any_craft
+from rans_any_craft import imitation
 from rans.fast.learn.trainer import Trainer
 
 def train(trainer, *_):
-    any_craft._ROUNDS = any_craft._OWN_ROUNDS = any_craft._UPDATES = 1
-    any_craft._SECONDS = 0.2
+    imitation._ROUNDS = imitation._OWN_ROUNDS = imitation._UPDATES = 1
+    imitation._SECONDS = 0.2
     given = trainer.learner.network, trainer.learner.adam, trainer._teacher, trainer.config.ppo
-    any_craft.imitate(trainer.engine, *given, lambda: True)
+    imitation.imitate(trainer.engine, *given, lambda: True)
     trainer.save()
     raise KeyboardInterrupt
 

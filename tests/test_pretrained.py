@@ -10,7 +10,6 @@ from rans.cli import help
 from rans.errors import EXTRAS, MissingPackage
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import read_policy
-from rans.policy.any_craft import is_for_any_craft
 from rans.pretrained import (
     FOLDER,
     FOR_ANY_CRAFT,
@@ -43,7 +42,7 @@ def test_an_agent_is_small_and_complete(name):
     assert (card["name"], card["spacecraft"]) == (name, found.craft.name)
     crafts = "|".join(f"-{craft}" for craft in REAL_CRAFT)
     kinds = f"(-thrifty|-shared|-faults-shared|-robust|-faults|-trade-off|-atmos|{crafts})?"
-    if is_for_any_craft(saved.network.architecture):
+    if saved.network.architecture.authority:
         assert name == f"any-craft-{found.craft.dimension}d"
         return
     assert re.fullmatch(

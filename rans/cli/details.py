@@ -95,21 +95,21 @@ def prospects(craft: Spacecraft) -> Iterator[str]:
     """How the agent for any craft flies a craft, which thrusters it can lose, and which may be mistaken."""
     from rans.evaluation.fly.agent import load_policy
     from rans.evaluation.fly.choice import chosen
-    from rans.policy.prospects import Prospect, slips, spared
+    from rans.policy.backbone_registry import any_craft
     from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 
     agent = FOR_ANY_CRAFT[craft.dimension]
     try:
         with doing(f"flying {craft.name} by {agent}"):
             choice = chosen(load_policy(pretrained_folder(agent)), craft)
-        yield Prospect.of(craft, choice.period).text(choice.period)
+        yield any_craft().prospect(craft, choice.period).text(choice.period)
         yield choice.doubt(agent, craft) or choice.text(agent)
         # Nothing is promised where the sizes of the file are doubted.
         if choice.is_enough and not misfits(craft):
-            yield spared(craft, choice.period)
+            yield any_craft().spared(craft, choice.period)
     except ConfigError as error:
         yield f"Nothing brings it to rest at a pose: {error}"
-    yield from slips(craft)
+    yield from any_craft().slips(craft)
 
 
 def task(name: str) -> Iterable[str | Table]:

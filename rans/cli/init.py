@@ -63,7 +63,7 @@ class Init(Options):
         from rans.cli.details import prospects
         from rans.cli.next_commands import training
         from rans.model.spacecraft import is_steerable
-        from rans.policy.prospects import slips
+        from rans.policy.backbone_registry import any_craft
         from rans.pretrained import FOR_ANY_CRAFT
 
         # Control authority, whether it settles, and thrusters without which it still does.
@@ -77,7 +77,7 @@ class Init(Options):
             )
         )
         steerable = is_steerable(craft)
-        for sentence in prospects(craft) if steerable else slips(craft):
+        for sentence in prospects(craft) if steerable else any_craft().slips(craft):
             console.say(sentence)
         console.say(f"Written: {self.file}" + (f" and {picture}" if picture else ""))
         console.say("Its numbers are those of what it begins from: write your own into it.")

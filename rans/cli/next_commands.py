@@ -82,7 +82,7 @@ def training(craft: Spacecraft, name: str, *options: str) -> tuple[str]:
 
 
 def _is_flown_without_training(craft: Spacecraft) -> bool:
-    """Whether the agent for any craft can steer it, by what `rans.policy.any_craft.authority` asks for.
+    """Whether the agent for any craft can steer it, by what its backbone asks for.
 
     It is asked here without the network, which a list need not load.
     """

@@ -21,8 +21,7 @@ from rans.flight_statistics import FlightStatistics
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
-from rans.policy.allocated import choice
-from rans.policy.architecture import Architecture
+from rans.policy.backbone_registry import backbone
 from rans.policy.network import Network
 from rans.policy.traced import parameters
 from rans.processes import Workers, processors
@@ -95,8 +94,10 @@ class Flights:
             return FlightKernel.made(self.world, self._network, self.device, products)
         code = machine_code()
         architecture = self._network.architecture
-        if code is None or code.flown.missing(architecture) or _has_many_patterns(architecture):
+        if code is None or code.flown.missing(architecture):
             return None
+        if backbone(architecture.backbone).choices(architecture) > _MOST_PATTERNS:
+            return None  # which a product of matrices compares faster
         try:
             tables = parameters(self._network)
             return code.flights(self.world, trace_flight(self.world, architecture, tables), tables)
@@ -209,14 +210,6 @@ class Flights:
         for row, column in enumerate(columns):
             into[row] = column
         return rows.T
-
-
-def _has_many_patterns(architecture: Architecture) -> bool:
-    """Whether a product of matrices compares a policy's ways to open thrusters faster than machine code does."""
-    if architecture.backbone != "allocated":
-        return False
-    chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
-    return chosen is not None and len(chosen.offset) > _MOST_PATTERNS
 
 
 def _processors() -> int | None:

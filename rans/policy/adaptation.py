@@ -1,8 +1,8 @@
 """What estimators in flight are to a policy; installed packages have them.
 
-Packages register makers (entry point ``rans.estimators``): of the estimator of a policy that adapts, "adaptation",
-and of filters of readings, "filters". A policy computes with the first in torch and as a program that is written,
-which both are `Rows`, and with filters by formulas on fields.
+A policy that adapts has its backbone's (`rans.policy.backbones.Backbone.adaptation`), and computes with it in torch
+and as a program that is written, which both are `Rows`. Filters of readings are registered (entry point
+``rans.estimators``, name "filters"), and are formulas on fields.
 """
 
 from __future__ import annotations
@@ -15,18 +15,6 @@ import numpy as np
 from rans.model.fields import Field
 from rans.registry import Registry
 from rans.tasks.observation_terms import Columns, Layout
-
-SHUT = "shut"
-"""Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0. In torch these
-numbers stand behind the features, followed by those of `WHEELS`."""
-AWAY = "away"
-"""Row of a program, (N, 1): 1 where the goal is far, else 0, of a policy whose price of thrust depends on it. In
-torch it stands between the features and those of `SHUT`."""
-POSE = "pose"
-"""Row of a program, (N, 6): `rans.policy.holding.pose`, of a policy that holds it by pulses. In torch these numbers
-stand behind that of `AWAY`."""
-WHEELS = "wheels"
-"""Row of a program, (N, wheels + 1): see `Estimate.wheels`."""
 
 Row = TypeVar("Row")
 
@@ -66,16 +54,10 @@ class Estimate(NamedTuple, Generic[Row]):
     """Gain of velocities and gain of angular velocities, (N, 1) each, by the accepted hypothesis."""
     shut: Row
     """(N, thrusters) 1 for a thruster that is taken for lost, else 0."""
-    wheels: Row | None
-    """(N, wheels + 1) momentum of every wheel, over that at which it is full, and number of periods since the
-    start; None: they are not remembered."""
+    known: list[Row]
+    """Rows that the backbone is given, of the names and widths of `Adaptation.known`."""
     memory: Row
-    """(N, m) what `Adaptation.next_memory` is given: twists, last command, beliefs of hypotheses, and `wheels`."""
-
-    @property
-    def known(self) -> list[Row]:
-        """Rows that the allocation is given: `shut`, and `wheels` if they are remembered."""
-        return [self.shut] if self.wheels is None else [self.shut, self.wheels]
+    """(N, m) what `Adaptation.next_memory` is given."""
 
 
 class Adaptation(Protocol):
@@ -97,8 +79,8 @@ class Adaptation(Protocol):
         ...
 
     @property
-    def known_width(self) -> int:
-        """Numbers of `Estimate.known`."""
+    def known(self) -> dict[str, int]:
+        """Names of the rows `Estimate.known` in a program, and their widths."""
         ...
 
     def estimated(self, rows: Rows[Row], twist: Row, memory: Row) -> Estimate[Row]:
@@ -158,6 +140,4 @@ class Filters(Protocol):
 ESTIMATORS: Registry[Any] = Registry(
     "estimator", "rans.estimators", {}, checked=lambda maker: maker
 )
-"""Makers of estimators by their names. That of "adaptation" is given tokens and authority of a policy
-(`rans.policy.architecture.Architecture`), whether a thruster with half of its force stays in use, the filling of
-its wheels, and whether it checks its thrusters; for "filters" see `Filters`."""
+"""Makers of estimators by their names; see `Filters`."""

@@ -17,19 +17,14 @@ from torch import Tensor, nn
 from rans.errors import ConfigError
 from rans.model.fields import Field
 from rans.policy.activations import ACTIVATIONS
-from rans.policy.adaptation import ESTIMATORS, Adaptation, Filters
+from rans.policy.adaptation import Adaptation, Filters
 from rans.policy.backbone_registry import backbone
-from rans.policy.frugality import AS_TRAINED, Frugality
 from rans.policy.heads import HEADS, Head
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
 
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
-
-
-_UNBOUNDED = 100.0
-"""Distance, m, that is as good as no bound: tasks fail before."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,25 +52,24 @@ class Architecture:
     backbone: str = "dense"
     """Name in `rans.policy.backbone_registry.BACKBONES`: how features become the commands' outputs."""
     tokens: tuple[tuple[float, ...], ...] = ()
-    """What each effector is, for a backbone that is given that: `rans.policy.any_craft.effects`, or
-    `rans.policy.any_craft.effects`."""
+    """What each effector is, for a backbone that is given that (`rans.policy.backbones.Backbone.tokens`)."""
     authority: tuple[float, ...] = ()
     """Control period (s), and largest accelerations along +x, -x, +y, -y (m/s^2) and about +z, -z (rad/s^2), of a
-    network for any craft, whose columns are those of `rans.policy.authority`; empty for others. In the plane the
-    linear ones are possible in all directions within 45 degrees of the axis."""
+    network for any craft, whose columns are made by them; empty for others. In the plane the linear ones are
+    possible in all directions within 45 degrees of the axis."""
     coast: float = 0.0
-    """Control periods for which such a network coasts near the goal (`rans.policy.authority.coasting`); 0: it never
-    does, as networks of earlier versions."""
+    """Control periods for which such a network coasts near the goal; 0: it never does, as networks of earlier
+    versions."""
     farthest: float = 0.0
     """Distance (m) at which such a network is given a goal that is farther, as wheels would be full at the speeds
-    of longer ways (`rans.policy.authority.nearer`); 0: no bound."""
+    of longer ways; 0: no bound."""
     farthest_lost: float = 0.0
     """Largest distance of the goal, m, once a network that adapts takes a thruster for lost; 0: no bound."""
     frugal: tuple[float, ...] = ()
-    """The numbers of `rans.policy.frugality.Frugality` of such a network; empty: it flies as it was trained."""
+    """Numbers by which such a network trades time for thrust; empty: it flies as it was trained."""
     reach: tuple[float, ...] = ()
-    """Accelerations along `rans.policy.authority.WAYS`, m/s^2, that such a network in the plane is given; empty: it
-    takes the least one of `authority` for possible along all."""
+    """Accelerations along the axes of B, both ways, and between them, m/s^2, that such a network in the plane is
+    given; empty: it takes the least one of `authority` for possible along all."""
     filling: tuple[float, ...] = ()
     """Part of the momentum at which each wheel is full that its full command adds in a control period, for a
     network that remembers momenta; empty: it does not."""
@@ -139,87 +133,18 @@ class Architecture:
         return self.layout.body.width if self.adapts else self.column_count
 
     @property
-    def frugality(self) -> Frugality:
-        """How a network for any craft trades time for thrust."""
-        return Frugality(*self.frugal) if self.frugal else AS_TRAINED
-
-    @property
     def adaptation(self) -> Adaptation:
-        """Estimator of a network that adapts.
-
-        Raises:
-            ConfigError: no installed package has one.
-        """
-        from rans.policy.allocated import has_checks
-
-        keeps_weak = self.farthest_lost > 0.0
-        make = ESTIMATORS["adaptation"]
-        return make(self.tokens, self.authority, keeps_weak, self.filling, has_checks(self))
+        """Estimator of a network that adapts."""
+        return backbone(self.backbone).adaptation(self)
 
     @property
     def columns(self) -> Layout:
         """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/policies.md)."""
-        if not self.authority:
-            return self.layout.body
-        from rans.policy import authority as of_authority
-
-        return of_authority.layout(self.layout)
+        return backbone(self.backbone).columns(self)
 
     def preprocessed(self, observation: Columns) -> list[Field]:
         """Columns of a reading (`read_count`), of those of an observation; all are fields, as everywhere here."""
-        if self.authority and not self.adapts:
-            from rans.policy import authority as of_authority
-
-            own = of_authority.Authority.of_numbers(self.authority, self.reach)
-            farthest = (self.farthest, 1.0) if self.farthest else None
-            return of_authority.of_observation(
-                self.layout, observation, own, self.coast, farthest, self.frugality
-            )
-        return self.layout.in_body(observation)
-
-    def away(self, columns: Columns) -> list[Field]:
-        """Whether the goal is far, 1 or 0, by the columns of a network whose price of thrust depends on it.
-
-        None of another network.
-        """
-        if self.frugality.away == 1.0:
-            return []
-        from rans.policy import authority as of_authority
-
-        dimension = of_authority.DIMENSIONS[len(self.authority) - 1]
-        return [of_authority.away(columns, dimension)]
-
-    def pose(self, columns: Columns) -> list[Field]:
-        """Pose and its rates (`rans.policy.holding.pose`), by the columns of a network that holds it by pulses.
-
-        None of another network.
-        """
-        if not self.frugality.hold:
-            return []
-        from rans.policy import holding
-
-        return holding.pose(columns)
-
-    def adapted(self, read: Columns, gains: Columns, lost: Field = 0.0) -> list[Field]:
-        """Columns of a network that adapts.
-
-        Args:
-            read: columns of a reading.
-            gains: of velocities and of angular velocities, over those of the file (`rans.policy.adaptation`).
-            lost: 1 if a thruster is taken for lost, else 0.
-        """
-        from rans.policy import authority as of_authority
-
-        own = of_authority.Authority.of_numbers(self.authority, self.reach)
-        estimated = own.faster(*gains)
-        farthest: tuple[Field, Field] | None = (self.farthest, 1.0) if self.farthest else None
-        if self.farthest_lost:
-            whole = self.farthest or _UNBOUNDED
-            distance = whole + lost * (self.farthest_lost - whole)
-            farthest = distance, 1.0 if self.farthest else lost
-        return of_authority.of_body(
-            self.layout, read, estimated, self.coast, farthest, self.frugality
-        )
+        return backbone(self.backbone).preprocessed(self, observation)
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""
@@ -261,7 +186,7 @@ class Architecture:
     def preprocessed_width(self) -> int:
         """Numbers of a filtered observation: columns as read and as each filter has them, or what is estimated."""
         if self.adapts:
-            return self.column_count + self.adaptation.known_width
+            return self.column_count + sum(self.adaptation.known.values())
         return len(self.extra_columns) * self.column_count + sum(self.extra_columns)
 
     @property
@@ -382,6 +307,6 @@ class Architecture:
             tensors |= {prefix + name: value for name, value in part.state_dict().items()}
         # A demand begins near 0, which opens nothing.
         with torch.no_grad():
-            if self.backbone != "allocated":
+            if not self.tokens:
                 self.last.expect(tensors["action_net.bias"], duty)
         return tensors | {EXTRACTOR + name: x for name, x in self.statistics().items()}, generator

@@ -97,7 +97,7 @@ class Patterns(NamedTuple):
     demand: Tensor
     """(N, d)."""
     offset: Tensor
-    """(S,) and the next: linear functions of the demand (`rans.policy.allocation.Subsets`)."""
+    """(S,) and the next: linear functions of the demand (`rans.policy.subsets.Subsets`)."""
     slope: Tensor
     """(d, S)."""
     opened: Tensor

@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import backbone
 from rans.policy.heads import Distribution, OnOff
@@ -23,7 +22,7 @@ from rans.policy.preprocess import (
     magnified,
     normalised,
 )
-from rans.policy.program import Program
+from rans.policy.program import Program, inputs
 from rans.policy.torch_program import TorchProgram
 
 Pooled = Callable[[Tensor, Tensor], tuple[Tensor, Tensor]]
@@ -53,7 +52,7 @@ class Network(Remembering):
         at: Mapping[float, Mapping[str, Tensor]] | None = None,
     ) -> None:
         self.architecture = architecture
-        # Weights of an agent for any craft at frugalities from 0 to 1, for `rans.policy.any_craft.frugal`.
+        # Weights of an agent for any craft at frugalities from 0 to 1 (`rans.policy.backbones.AnyCraft.frugal`).
         self.at = at or {}
         self.tensors = dict[str, Tensor]()
         self.activation = architecture.activation_module()
@@ -66,7 +65,9 @@ class Network(Remembering):
         self.tables = self._backbone.tables(architecture, self._mean)
         program = Program()
         outputs = self._backbone.traced(program, architecture, "features")
-        given = {"features", AWAY, POSE, SHUT, WHEELS}
+        symbols = inputs("column", architecture.column_count)
+        estimated = architecture.adaptation.known if architecture.adapts else {}
+        given = {"features", *estimated, *self._backbone.known(architecture, symbols)}
         self._outputs = TorchProgram(program, outputs, given, self._mean)
         super().__init__(architecture, self._mean, preprocessor)
 
@@ -180,15 +181,13 @@ class Network(Remembering):
         columns = preprocessed
         known: dict[str, Tensor] = {}
         if architecture.adapts:
-            ends = architecture.column_count + architecture.adaptation.thrusters
-            columns, known[SHUT], known[WHEELS] = preprocessed.tensor_split(
-                [architecture.column_count, ends], dim=1
-            )
+            estimated = architecture.adaptation.known
+            widths = [architecture.column_count, *estimated.values()]
+            columns, *rows = preprocessed.split(widths, dim=1)
+            known.update(zip(estimated, rows, strict=True))
         features, critic = self.features(columns, memory, privileged)
-        # The allocation is given whether the goal is far, the pose, then what is estimated.
-        single = columns.unbind(-1)
-        rows = {AWAY: architecture.away(single), POSE: architecture.pose(single)}
-        known |= {name: torch.stack(row, dim=-1) for name, row in rows.items() if row}
+        further = self._backbone.known(architecture, columns.unbind(-1))
+        known |= {name: torch.stack(row, dim=-1) for name, row in further.items()}
         return self._heads(features, critic, known)
 
     def features(

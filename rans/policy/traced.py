@@ -14,7 +14,7 @@ import numpy as np
 import torch
 
 from rans.model.fields import Field
-from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS, Rows
+from rans.policy.adaptation import Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import backbone
 from rans.policy.memory import averaged
@@ -104,15 +104,15 @@ def _adapting(
     symbols = inputs("read", len(read)), inputs("gain", 2)
     (symbol,) = inputs("lost", 1)
     columns = program.lowered(
-        architecture.adapted(*symbols, symbol),
+        backbone(architecture.backbone).adapted(architecture, *symbols, symbol),
         dict(zip((*symbols[0], *symbols[1], symbol), (*read, *estimate.gains, lost), strict=True)),
     )
     row = program.joined(*columns)
     _tell_whereabouts(program, architecture, row)
-    shut = program.apply("Identity", estimate.shut, name=SHUT)
-    known = [shut]
-    if estimate.wheels is not None:
-        known.append(program.apply("Identity", estimate.wheels, name=WHEELS))
+    known = [
+        program.apply("Identity", value, name=name)
+        for name, value in zip(adaptation.known, estimate.known, strict=True)
+    ]
     program.joined(row, *known, name="seen")
     features = program.joined(*_normalised_columns(program, architecture, row), name="shown")
     command_row = _commands(program, architecture, None, features, command)
@@ -122,13 +122,11 @@ def _adapting(
 
 
 def _tell_whereabouts(program: Program, architecture: Architecture, row: str) -> None:
-    """Add rows `AWAY` and `POSE` for a policy that needs them, from its columns."""
+    """Add rows that the backbone needs beside features, from the columns (`Backbone.known`)."""
     symbols = inputs("column", architecture.column_count)
-    rows = {AWAY: architecture.away(symbols), POSE: architecture.pose(symbols)}
-    for name, numbers in rows.items():
-        if numbers:
-            names = dict(zip(symbols, program.single(row, len(symbols)), strict=True))
-            program.joined(*program.lowered(numbers, names), name=name)
+    for name, numbers in backbone(architecture.backbone).known(architecture, symbols).items():
+        names = dict(zip(symbols, program.single(row, len(symbols)), strict=True))
+        program.joined(*program.lowered(numbers, names), name=name)
 
 
 class ProgramRows(Rows[str]):

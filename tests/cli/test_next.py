@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import pytest
+from rans_any_craft.networks import authority
 
 from rans import TASKS, ConfigError, cli
 from rans.cli import COMMANDS
@@ -15,7 +16,6 @@ from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
-from rans.policy.any_craft import authority
 from rans.terminal import Terminal
 from validation.commands.validate import Validate
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 import torch
+from rans_any_craft import imitation
 from torch import Tensor
 
 from rans.cli import main, train
 from rans.cli.train import StopGently, Train, compile_in_this_process
-from rans.fast.learn import any_craft
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
@@ -194,7 +194,7 @@ def test_a_signal_stops_it_gently():
 def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch, ran):
     """It ends in the middle of a round, and the command that it prints begins anew."""
     rounds = []
-    learn = any_craft._Lessons.learn
+    learn = imitation._Lessons.learn
 
     def interrupted(lessons, generator):
         rounds.append(lessons.rounds)
@@ -203,7 +203,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch
         learn(lessons, generator)
 
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
-    monkeypatch.setattr(any_craft._Lessons, "learn", interrupted)
+    monkeypatch.setattr(imitation._Lessons, "learn", interrupted)
     command = tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)
     said = ran("", *command, "--output", "run", code=130)
     assert rounds == [1, 1, 1]
@@ -213,7 +213,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch
     assert "Stopped " in said
     assert said.endswith("Begin anew with: rans train --resume run")
     for name in ("_ROUNDS", "_OWN_ROUNDS", "_MOST_ROUNDS"):
-        monkeypatch.setattr(any_craft, name, 1)
+        monkeypatch.setattr(imitation, name, 1)
     assert "Stopped" not in ran("train --resume run")
 
 

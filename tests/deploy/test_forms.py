@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.frugality import numbers_of
 
 from rans.deploy.contract import contract, golden
 from rans.deploy.export import write_agent
@@ -103,7 +104,7 @@ def test_a_price_that_falls_near_the_goal_is_that_of_every_form(name: str, tmp_p
     """Observations of whole flights, which arrive."""
     run = contestant(name)
     own = run.network
-    frugality = own.architecture.frugality._replace(away=3.0)
+    frugality = numbers_of(own.architecture)._replace(away=3.0)
     network = Network(replace(own.architecture, frugal=tuple(frugality)), own.tensors)
     batches = list(asked(network, run.judged, 24))
     check_forms(network, batches, tmp_path)

@@ -9,6 +9,7 @@ from functools import cache
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.networks import for_craft
 
 from rans import GoToPose, Timing, run_on
 from rans.episode import Setup
@@ -21,7 +22,6 @@ from rans.fast.flights import Flights
 from rans.fast.stepping.step import Backend
 from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import for_craft
 from rans.policy.network import Network
 from rans.verdict import Failure
 from tests.support.engines import PLATFORM, both_crafts

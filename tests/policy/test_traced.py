@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.networks import effects
 
 from rans.fast.flights import Flights
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import effects
 from rans.policy.network import Network
 from rans.policy.scalars import fields
 from rans.policy.traced import parameters, policy_program

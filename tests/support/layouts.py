@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-
-from rans.model.twists import authority_margin
+from rans_any_craft.twists import authority_margin
 
 
 def sample_layout(seed: int, most: int = 8, least_margin: float = 0.25) -> np.ndarray:

@@ -17,23 +17,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
-from rans.extend import (
-    Authority,
-    Field,
-    Rows,
-    at_least,
-    vector_in_rotated_frame,
-    where,
-    within,
-)
+from rans.extend import Field, Rows, at_least, vector_in_rotated_frame, where, within
 from rans.model.fields import log
-from rans.model.twists import directions
-from rans.policy.adaptation import Estimate, Row
-from rans.policy.allocated import SHARED, spare, wheels
+from rans.policy.adaptation import Estimate
+from rans_any_craft.allocated import SHARED, SHUT, WHEELS, spare, wheels
+from rans_any_craft.authority import Authority
+from rans_any_craft.twists import directions
+
+Row = TypeVar("Row")
 
 _WEAK = 0.2
 """Part of its force that a lost thruster gives by hypothesis: a weak one is nearer to it than to a sound one."""
@@ -133,13 +128,14 @@ class Adaptation(NamedTuple):
         ]
 
     @property
-    def known_width(self) -> int:
-        """Numbers of `Estimate.known`."""
-        return self.thrusters + sum(self._remembered)
+    def known(self) -> dict[str, int]:
+        """See `rans.policy.adaptation.Adaptation`."""
+        widths = {SHUT: self.thrusters}
+        return widths | {WHEELS: len(self.filling) + 1} if self.filling else widths
 
     @property
     def _remembered(self) -> list[int]:
-        """Numbers of `Estimate.wheels`, if there are any."""
+        """Numbers of `rans_any_craft.allocated.WHEELS`, if there are any."""
         return [len(self.filling) + 1] if self.filling else []
 
     def estimated(self, rows: Rows[Row], twist: Row, memory: Row) -> Estimate[Row]:
@@ -153,7 +149,6 @@ class Adaptation(NamedTuple):
         beliefs = rest[:4]
         odds = rest[4]
         remembered = rest[5:]
-        wheels = remembered[0] if remembered else None
 
         # Change of the twist over two periods, both readings in the present B; the reading between, in B as well.
         now, before, between = (rows.split(row, [1] * size) for row in (twist, earlier, latest))
@@ -182,8 +177,8 @@ class Adaptation(NamedTuple):
         )
         if not self.spare:
             shut = rows.product(beliefs[0], np.zeros((1, self.thrusters)))
-            known = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
-            return Estimate(self._gains(beliefs[:2]), shut, wheels, known)
+            memory = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
+            return Estimate(self._gains(beliefs[:2]), shut, [shut, *remembered], memory)
         none = np.zeros((self._hypotheses, 1))
         none[0] = 1.0
         of_none = rows.product(likelihood, none)
@@ -202,8 +197,8 @@ class Adaptation(NamedTuple):
             for row in rows.computed(lambda a, *b: [a * x for x in b], [accepted, *beliefs[:2]])
         ]
         shut = rows.product(accepted, 1.0 * shuts.T)
-        known = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
-        return Estimate(self._gains(gains), shut, wheels, known)
+        memory = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
+        return Estimate(self._gains(gains), shut, [shut, *remembered], memory)
 
     def _gains(self, gains: list[Row]) -> list[Row]:
         """Gains of velocities and of angular velocities, of estimated ones.
@@ -309,7 +304,7 @@ def estimator(
 
     Args:
         tokens: one row for each command, its accelerations over the craft's least ones and then its kind; see
-            `rans.policy.any_craft.effects`. Thrusters with a shared supply are all of the kind `SHARED`.
+            `rans_any_craft.networks.effects`. Thrusters with a shared supply are all of the kind `SHARED`.
         authority: control period and accelerations; see `rans.policy.architecture.Architecture.authority`.
         keeps_weak: whether a thruster with half of its force stays in use.
         filling: see `rans.policy.architecture.Architecture`.

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 import torch
 from rans_any_craft.adaptation import Adaptation
+from rans_any_craft.backbone import ALLOCATED
+from rans_any_craft.networks import for_craft
 
 from rans.compile.preprocess import compiled_preprocessor
 from rans.errors import ConfigError
@@ -21,7 +23,6 @@ from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.policy.any_craft import for_craft
 from rans.policy.network import Network
 from rans.policy.preprocess import TorchRows
 from rans.randomization.conditions import Conditions, FaultConditions
@@ -159,7 +160,7 @@ def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
     stated = for_craft(plain.network, heavy, PERIOD).architecture.preprocessed(row)
     architecture = network("floating-platform").architecture
     read = architecture.preprocessed(row)
-    assert architecture.adapted(read, [0.5, 0.5]) == pytest.approx(stated)
+    assert ALLOCATED.adapted(architecture, read, [0.5, 0.5], 0.0) == pytest.approx(stated)
 
 
 @pytest.mark.parametrize(
@@ -207,8 +208,7 @@ def test_momenta_of_wheels_are_those_of_the_engine() -> None:
     full = np.array([wheel.max_momentum for wheel in flight.craft.wheels])
     for command, *stores in zip(flight.commands, *flight.states.stores, strict=False):
         estimate = own.estimated(rows, torch.zeros(16, 6), memory)
-        assert estimate.wheels is not None
-        momenta = estimate.wheels[:, :3].numpy()
+        momenta = estimate.known[1][:, :3].numpy()
         np.testing.assert_allclose(momenta, np.stack(stores, axis=1) / full, atol=1e-3)
         # Networks command wheels from 0 to 1.
         share = np.hstack([command[:, :8], 0.5 + 0.5 * command[:, 8:]])

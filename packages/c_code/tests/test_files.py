@@ -16,6 +16,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from rans_any_craft.networks import for_craft
 from rans_c_code.compiler import FLAGS, compiled_check, loaded_size
 from rans_c_code.compressed import Packed, Stepped, in_steps
 from rans_c_code.files import filled, write_c
@@ -36,7 +37,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.files import plain
 from rans.model.operations import ROWS, of_row
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import for_craft
 from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
 from tests.support.operations import check, compiled

@@ -261,7 +261,10 @@ def twin(
     Raises:
         ConfigError: one of these does not exist, or a number is out of its range.
     """
-    from rans.extend import RunFolder, load_conditions
+    from rans import load_conditions
+    from rans.extend import (
+        RunFolder,
+    )
     from rans_robot.bus import open_bus, ros_domain
     from rans_robot.signals import stop_on_signals
     from rans_robot.twin import TwinPlan, run_twin

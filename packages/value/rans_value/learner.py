@@ -31,6 +31,7 @@ from rans.extend import (
     Adam,
     Algorithm,
     ConfigError,
+    ContestantName,
     Engine,
     Network,
     PPOSettings,
@@ -45,7 +46,6 @@ from rans.extend import (
     whole,
 )
 from rans.fast.learn.graph import fused
-from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 from rans_value.goal_frame import GoalFrame, equivalent
 from rans_value.problem import TRADE_OFF, PoseProblem
 
@@ -343,7 +343,7 @@ class ValueLearner:
     def _by_any_craft(self) -> tuple[Tensor, Tensor]:
         """States (rows, M) of flights by the agent for any craft, and their costs (M,): each is a bound."""
         engine, problem = self.engine, self.problem
-        run = load_policy(pretrained_folder(FOR_ANY_CRAFT[problem.dimension]))
+        run = load_policy(ContestantName.parse(f"any-craft-{problem.dimension}d").own_folder)
         run = for_spacecraft(run, engine.craft, engine.timing)
         count = -(-self._own.states // 4)
         states, costs = [], []

@@ -15,9 +15,19 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.extend import REST_SPEED, REST_SPIN, Heading, Quat, Spacecraft, Timing, Vec2, Vec3, aims
+from rans.extend import (
+    REST_SPEED,
+    REST_SPIN,
+    Heading,
+    Quat,
+    Spacecraft,
+    Timing,
+    Vec2,
+    Vec3,
+    aims,
+    subsets,
+)
 from rans.model.dynamics import mean_thrust
-from rans.policy.allocation import subsets
 from rans.policy.symmetry import symmetries
 from rans_value.goal_frame import GoalFrame, parted
 

@@ -20,6 +20,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.flight import Controller, informed
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
+from rans.policy.backbone_registry import backbone
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.randomization.plausible import warn_of_implausible
@@ -47,15 +48,15 @@ class Agent:
         return f"<Agent {self.name}>"
 
     def expecting(self, conditions: Conditions | None) -> Agent:
-        """The agent for conditions: where thrusters fail, pulses that count on every thruster hold no pose."""
+        """The agent for conditions: where thrusters fail, its network flies as its backbone does then."""
         designed = self._as_designed
         architecture = designed.network.architecture
-        if conditions is None or not conditions.has_faults or not architecture.frugality.hold:
+        if conditions is None or not conditions.has_faults:
             return designed
-        numbers = tuple(architecture.frugality._replace(hold=0.0))
-        network = Network(
-            replace(architecture, frugal=numbers), designed.network.tensors, at=designed.network.at
-        )
+        for_faults = backbone(architecture.backbone).for_faults(architecture)
+        if for_faults is architecture:
+            return designed
+        network = Network(for_faults, designed.network.tensors, at=designed.network.at)
         agent = Agent(network, self.name, self._craft)
         agent.remark = self.remark
         agent._as_designed = designed

@@ -20,12 +20,11 @@ from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.any_craft import for_craft, is_for_any_craft
-from rans.policy.any_craft import frugal as at_value
+from rans.policy.backbone_registry import any_craft
 from rans.policy.network import Network
-from rans.policy.timing import flies_to_a_pose, timing_for
+from rans.policy.timing import flies_to_a_pose
 from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
-from rans.tasks import Task, registered_name
+from rans.tasks import registered_name
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
 
@@ -36,19 +35,16 @@ def adapting(run: LoadedRun) -> LoadedRun:
     """The run of an agent for any craft that estimates lost thrusters and other masses (`rans.policy.adaptation`).
 
     Raises:
-        ConfigError: it is another agent, or no package with an estimator is installed.
+        ConfigError: it is another agent.
     """
     if not isinstance(run.controller, Agent):
         raise ConfigError(f"{run.controller.name} is no agent for any craft: {_ADAPTS}.")
     name = f"{ADAPTIVE}:{run.controller.name}"
-    agent = Agent(_adapting(run.network), name, run.craft)
-    return run._replace(controller=agent)
-
-
-def _adapting(network: Network) -> Network:
-    if not is_for_any_craft(network.architecture):
+    network = run.network
+    if not network.architecture.authority:
         raise ConfigError(f"the agent flies its own spacecraft only: {_ADAPTS}.")
-    return Network(replace(network.architecture, adapts=True), network.tensors, at=network.at)
+    network = Network(replace(network.architecture, adapts=True), network.tensors, at=network.at)
+    return run._replace(controller=Agent(network, name, run.craft))
 
 
 def flies_any_craft(folder: Path) -> bool:
@@ -57,7 +53,7 @@ def flies_any_craft(folder: Path) -> bool:
     Raises:
         ConfigError: its agent cannot be read.
     """
-    return is_for_any_craft(read_policy(RunFolder(folder).agent_file).network.architecture)
+    return bool(read_policy(RunFolder(folder).agent_file).network.architecture.authority)
 
 
 def frugal(run: LoadedRun, value: float) -> LoadedRun:
@@ -65,27 +61,22 @@ def frugal(run: LoadedRun, value: float) -> LoadedRun:
 
     Args:
         run: the agent, with the craft and the task that it flies.
-        value: from 0, fast, to 1, frugal (`rans.policy.any_craft.frugal`).
+        value: from 0, fast, to 1, frugal (`rans.policy.backbones.AnyCraft.frugal`).
 
     Raises:
         ConfigError: it is another agent, or the value is not from 0 to 1.
     """
-    network = _frugal(run.network, value, run.task, run.timing)
-    return run._replace(controller=Agent(network, f"{run.controller.name}#{value:g}", run.craft))
-
-
-def _frugal(network: Network, value: float, task: Task, timing: Timing) -> Network:
-    """The network at a frugality from 0 to 1, for the distances at which the task starts."""
-    if not is_for_any_craft(network.architecture):
+    if not run.network.architecture.authority:
         raise ConfigError(
             f"the agent has no frugality from 0 to 1, as #{value:g} would be: name {FOR_ANY_CRAFT[2]} or "
             f"{FOR_ANY_CRAFT[3]}."
         )
-    low, high = task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
-    seconds = timing.control_period * timing.episode_steps
-    bounds = task.tolerances()
+    low, high = run.task.for_evaluation().spawn_distance  # type: ignore[attr-defined]  # it flies to a pose
+    seconds = run.timing.control_period * run.timing.episode_steps
+    bounds = run.task.tolerances()
     tolerances = bounds["position"], bounds["attitude"]
-    return at_value(network, value, 0.5 * (low + high), seconds, tolerances)
+    network = any_craft().frugal(run.network, value, 0.5 * (low + high), seconds, tolerances)
+    return run._replace(controller=Agent(network, f"{run.controller.name}#{value:g}", run.craft))
 
 
 class AtAnyAttitude:
@@ -145,7 +136,7 @@ def to_a_position(run: LoadedRun) -> LoadedRun:
 
 
 def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = None) -> LoadedRun:
-    """The run with another craft, in its own task, with the timing or else one for the craft (`timing_for`).
+    """The run with another craft, in its own task, with the timing or else one for the craft.
 
     Any agent flies its own craft with a mass that moves in it, such as a sloshing liquid.
 
@@ -159,7 +150,7 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
             f"{run.controller.name} flies its own spacecraft only: name {FOR_ANY_CRAFT[craft.dimension]} for "
             f"{craft.name}."
         )
-    if not (is_for_any_craft(run.network.architecture) or flies_to_a_pose(run.task, craft)):
+    if not (run.network.architecture.authority or flies_to_a_pose(run.task, craft)):
         task = registered_name(run.task)
         who = f"no agent for {task} flies any craft: type lqr:{task}-{craft.dimension}d@FILE"
         if task == "go-to-position":
@@ -168,8 +159,8 @@ def for_spacecraft(run: LoadedRun, craft: Spacecraft, timing: Timing | None = No
             f"{run.controller.name} flies its own spacecraft only, and {who}, or rans train {task} --spacecraft "
             "FILE."
         )
-    timing = timing or timing_for(craft, run.timing)
-    network = for_craft(run.network, craft, timing.control_period)
+    timing = timing or any_craft().timing(craft, run.timing, None)
+    network = any_craft().for_craft(run.network, craft, timing.control_period)
     agent = Agent(network, run.controller.name, craft)
     return run._replace(controller=agent, craft=craft, timing=timing)
 

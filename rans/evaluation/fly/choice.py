@@ -22,8 +22,7 @@ from rans.files import package_version, read_json, write_json
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
-from rans.policy.prospects import Prospect
-from rans.policy.timing import PERIODS_IN_SPACE, timing_for
+from rans.policy.backbone_registry import any_craft
 from rans.scenario import CHOICE_SEED
 from rans.tasks.go_to_pose import GoToPose
 
@@ -119,7 +118,7 @@ def chosen(
         ConfigError: the agent cannot fly the craft.
     """
     if period is None and craft is not None:
-        usual = timing_for(craft, own.timing).control_period
+        usual = any_craft().timing(craft, own.timing, None).control_period
         if craft.dimension == 2 or usual <= _COARSE:
             period = usual  # no other is tried
     file = _folder() / f"{_digest(own, craft, period, value)}.json"
@@ -162,7 +161,7 @@ def chosen_period(own: LoadedRun, craft: Spacecraft) -> float | None:
     Raises:
         ConfigError: the agent cannot fly the craft.
     """
-    usual = timing_for(craft, own.timing).control_period
+    usual = any_craft().timing(craft, own.timing, None).control_period
     if craft.dimension == 2 or usual <= _COARSE:
         return None
     return chosen(own, craft).period
@@ -177,12 +176,12 @@ def likely_cause(craft: Spacecraft, period: float, is_to_a_pose: bool = True) ->
     for reason in misfits(craft):
         return reason
     with contextlib.suppress(ConfigError):
-        usual = timing_for(craft, GoToPose().timing).control_period
+        usual = any_craft().timing(craft, GoToPose().timing, None).control_period
         if is_to_a_pose and period > usual:
             return (
                 f"it is commanded every {period:g} s, and craft of its authority every {usual:g} s"
             )
-        if is_to_a_pose and (reason := Prospect.of(craft, period).reason):
+        if is_to_a_pose and (reason := any_craft().prospect(craft, period).reason):
             return reason
     return "a small force or torque along one axis, or flights that are short for it"
 
@@ -200,7 +199,7 @@ def _candidates(
     seconds = usual.timing.control_period
     if period is None and craft is not None:
         # Pulses that are long for their craft are the usual cause.
-        shorter = max(x for x in PERIODS_IN_SPACE if x < seconds)
+        shorter = max(x for x in any_craft().periods if x < seconds)
         yield first, _every(shorter, own, craft)
     for other in others:
         yield other, usual
@@ -210,7 +209,7 @@ def _every(seconds: float | None, own: LoadedRun, craft: Spacecraft | None) -> L
     """The agent with a craft that is commanded at a period; None: its own craft, or the usual period."""
     if craft is None:
         return own
-    timing = None if seconds is None else timing_for(craft, own.timing, seconds)
+    timing = None if seconds is None else any_craft().timing(craft, own.timing, seconds)
     return for_spacecraft(own, craft, timing)
 
 
@@ -242,7 +241,7 @@ def _digest(
         LARGER,
         FLIGHTS,
         CHOICE_SEED,
-        PERIODS_IN_SPACE,
+        any_craft().periods,
         _COARSE,
     )
     about = own.task, own.timing, own.conditions, own.network.architecture, period, value

@@ -268,7 +268,7 @@ class ContestantName:
             to_tolerances,
         )
         from rans.evaluation.fly.choice import chosen, chosen_period
-        from rans.policy.timing import timing_for
+        from rans.policy.backbone_registry import any_craft
 
         if self.craft:
             craft = load_spacecraft(typed(self.craft))
@@ -285,7 +285,7 @@ class ContestantName:
         if self.adapts:
             run = adapting(run)
         if craft is not None:
-            timing = None if period is None else timing_for(craft, run.timing, period)
+            timing = None if period is None else any_craft().timing(craft, run.timing, period)
             run = for_spacecraft(run, craft, timing)
         if value is not None:
             run = frugal(run, value)

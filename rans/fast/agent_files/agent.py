@@ -8,7 +8,6 @@ defaults.
 
 from __future__ import annotations
 
-import math
 import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -26,10 +25,8 @@ from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import ESTIMATORS
-from rans.policy.allocated import holds
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import BACKBONES, backbone
-from rans.policy.frugality import AS_TRAINED
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
 from rans.policy.symmetry import Symmetries
@@ -94,7 +91,7 @@ def actor_bytes(
         architecture: architecture of the network.
         tensors: weights and statistics of the network (`Network.weights`).
         steps: environment steps of the training.
-        at: weights at frugalities from 0 to 1 of an agent for any craft (`rans.policy.any_craft.frugal`).
+        at: weights at frugalities from 0 to 1 of an agent for any craft (`rans.policy.backbones.AnyCraft.frugal`).
 
     Raises:
         NonFiniteState: a weight is not finite.
@@ -307,63 +304,7 @@ def _check_craft(architecture: Architecture) -> None:
     bank, views = architecture.filters, architecture.symmetries
     if bank is not None and not bank.fits(architecture.layout.body, architecture.thrusters):
         raise ValueError("its filters are of another spacecraft")
-    # Sizes of tokens, then those of an agent for any craft.
-    token_widths = backbone(architecture.backbone).token_widths
-    widths = [[width] * architecture.thrusters for width in token_widths]
-    if widths and [*map(len, architecture.tokens)] not in widths:
-        raise ValueError("its tokens are of another spacecraft")
-    frugal = architecture.frugal
-    by_pulses = holds(architecture.tokens) and not architecture.adapts
-    # Older files end before the factor of the price far away, with it, or with the growth.
-    if frugal and (
-        not architecture.authority
-        or len(AS_TRAINED) - len(frugal) not in (0, 2, 4, 5)
-        or not 0.0 < frugal[0] <= 1.0
-        or min(frugal[1:3]) < 0.0
-        or frugal[2] > math.pi
-        or min(frugal[3:7]) <= 0.0
-        or (frugal[7:] and (frugal[7] not in (0.0, 1.0)[: 1 + by_pulses] or frugal[8] < 0.0))
-        or min(frugal[9:], default=1.0) <= 0.0
-    ):
-        raise ValueError(
-            "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
-            "accelerations, of a time and of the price far away, whether pulses hold the pose, a growth and "
-            "factors of finer tolerances, or it is no agent for any craft that can"
-        )
-    reach = architecture.reach
-    if reach and (len(architecture.authority) != 7 or len(reach) != 8 or min(reach) <= 0.0):
-        raise ValueError(
-            "its reach is not eight accelerations in the plane, or it is no agent for any craft"
-        )
-    # Columns by authority, which only agents for any craft have.
-    if architecture.authority:
-        from rans.policy.authority import DIMENSIONS, width
-
-        architecture.columns  # noqa: B018 (refuses the observations of another task)
-        if bank or views:
-            raise ValueError(
-                "it has symmetries or filters, which are for columns without authority"
-            )
-        if architecture.adapts and architecture.recalled:
-            raise ValueError("it adapts, and has another memory")
-        dimension = DIMENSIONS.get(len(architecture.authority) - 1, 0)
-        is_positive = all(x > 0.0 for x in architecture.authority)
-        if width(dimension) != architecture.column_count or not is_positive:
-            raise ValueError(
-                "its authority is not a control period and six accelerations, or twelve in space, above 0"
-            )
-    elif architecture.adapts:
-        raise ValueError("it adapts, but knows no authority of its spacecraft")
-    if architecture.filling:
-        from rans.policy.allocated import wheels
-
-        turning = len(wheels(architecture.tokens))
-        is_positive = all(x > 0.0 for x in architecture.filling)
-        if not architecture.adapts or len(architecture.filling) != turning or not is_positive:
-            raise ValueError(
-                "its filling is not a number above 0 for each wheel of one that adapts"
-            )
-    # Symmetries, and what a critic observes.
+    backbone(architecture.backbone).check(architecture)
     if views is not None and not _are_views(views, architecture):
         raise ValueError("its symmetries are of another spacecraft")
     if architecture.nominal and len(architecture.nominal) != architecture.privileged:

@@ -16,7 +16,6 @@ from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.learner import Learner, Made, Making
 from rans.fast.learn.ppo import PPOLearner
 from rans.policy.adaptation import ESTIMATORS
-from rans.policy.any_craft import effects
 from rans.policy.architecture import Architecture
 from rans.policy.backbone_registry import backbone
 from rans.policy.network import Network
@@ -40,24 +39,15 @@ def architecture_of(engine: Engine, settings: PPOSettings) -> Architecture:
                 f"{allowed(craft)}: train without filters, with memory.history=8."
             )
         bank = ESTIMATORS["filters"].of(craft, engine.task, engine.layout, period, settings)
-    allocates = settings.backbone == "allocated"
-    if allocates and craft.is_continuous:
-        raise ConfigError(
-            f"the backbone 'allocated' opens on/off thrusters together, and {craft.name} has other effectors: "
-            "leave out ppo.backbone."
-        )
-    tokens: tuple[tuple[float, ...], ...] = ()
-    if backbone(settings.backbone).token_widths:
-        tokens = effects(craft, period)
-    # A demand is in B: no side of the spacecraft has one of its own.
-    is_symmetric = settings.symmetric and not allocates
+    tokens = backbone(settings.backbone).tokens(craft, period)
     return Architecture(
         layout=engine.layout,
         thrusters=craft.command_count,
         layers=tuple(settings.layers),
         activation=settings.activation,
         zoom=settings.zoom,
-        symmetries=symmetries(craft) if is_symmetric else None,
+        # A backbone that is given the effectors commands in B: no side of the spacecraft has a network's own.
+        symmetries=symmetries(craft) if settings.symmetric and not tokens else None,
         bf16=settings.matmul == "bf16",
         head=_head(engine, settings),
         backbone=settings.backbone,

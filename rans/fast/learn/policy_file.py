@@ -8,13 +8,40 @@ import torch
 
 from rans.errors import ConfigError
 from rans.fast.agent_files.agent import read_policy
+from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
-from rans.policy.architecture import EXTRACTOR
+from rans.policy.architecture import EXTRACTOR, Architecture
+from rans.policy.backbone_registry import any_craft
 from rans.policy.network import Network
 from rans.pretrained import agent_path, missing_agents, pretrained_names
 
 _SETTLED = 1e12
 """Number of observations assigned to loaded statistics, so that training does not change them."""
+
+
+def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network | None:
+    """The network of an agent for any craft, for the engine's craft; None: the agent is one of a single craft.
+
+    Args:
+        agent: run folder, or pretrained:NAME; #VALUE at its end makes it save thrust.
+        engine: of the training.
+        architecture: of the network that is to imitate it.
+
+    Raises:
+        ConfigError: it cannot fly the craft, or the network cannot imitate it.
+    """
+    path, _, value = agent.partition("#")
+    file = RunFolder(agent_path(path)).agent_file
+    if not file.exists():
+        return None
+    network = read_policy(file).network
+    if network.architecture.authority:
+        return any_craft().teacher(network, agent, engine, architecture)
+    if value:
+        raise ConfigError(
+            f"begin_from is {agent!r}: only agents for any craft have a frugality after #."
+        )
+    return None
 
 
 @torch.no_grad()

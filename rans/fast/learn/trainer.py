@@ -29,18 +29,18 @@ from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
 from rans.fast.learn.algorithms import LEARNERS, own_settings
-from rans.fast.learn.any_craft import imitate, teacher
 from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.events import Events
 from rans.fast.learn.graph import as_written, calls_until_recorded
-from rans.fast.learn.policy_file import begin_from
+from rans.fast.learn.policy_file import begin_from, teacher
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.stepping.step import field_dtype
 from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
+from rans.policy.backbone_registry import any_craft
 from rans.policy.network import Network
 from rans.randomization.plausible import warn_of_implausible
 from rans.tasks.feasible import check_feasible
@@ -191,7 +191,7 @@ class Trainer:
 
         Args:
             report: called with every row of metrics.
-            stop: called after every iteration, and often in an imitation (`rans.fast.learn.any_craft`), of which
+            stop: called after every iteration, and often in an imitation of an agent for any craft, of which
                 nothing is saved if it is stopped: ``steps`` are 0 then.
 
         Raises:
@@ -248,7 +248,7 @@ class Trainer:
             if self._events is not None:
                 self._events.write({"imitation/loss": loss}, steps)
 
-        flown = imitate(
+        flown = any_craft().imitate(
             self.engine,
             self.learner.network,
             self.learner.adam,

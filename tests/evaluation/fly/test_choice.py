@@ -6,6 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from rans_any_craft.frugality import numbers_of
 
 from rans import RansWarning, load_conditions
 from rans.evaluation.fly import choice
@@ -120,6 +121,6 @@ def test_pulses_hold_no_pose_where_thrusters_may_fail(conditions, holds):
     """any-craft-2d#1 solves 66 % of 256 flights under faults with pulses that hold a pose, 76 % without."""
     designed = frugal(for_spacecraft(OWN, PLATFORM), 1.0)
     run = designed.under(load_conditions(conditions))
-    assert run.network.architecture.frugality.hold == holds
+    assert numbers_of(run.network.architecture).hold == holds
     assert run.under(load_conditions("lab")).controller is designed.controller
     assert run.controller.name == f"{OWN.controller.name}#1"

@@ -10,16 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from rans import FaultConditions
+from rans import FaultConditions, ThrusterConditions, load_conditions
 from rans.extend import (
     Conditions,
     ConfigError,
     Spacecraft,
-    ThrusterConditions,
     Timing,
     bounds,
     distinct,
-    load_conditions,
 )
 from rans.randomization.plausible import implausible
 from rans.structure import is_range

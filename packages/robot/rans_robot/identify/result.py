@@ -11,13 +11,18 @@ from typing import Any
 
 import numpy as np
 
-from rans import BodyConditions, DisturbanceConditions, SensorConditions, SensorsConditions
+from rans import (
+    BodyConditions,
+    DisturbanceConditions,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
 from rans.extend import (
     Body,
     Conditions,
     ConfigError,
     Spacecraft,
-    ThrusterConditions,
     conditions_text,
     ready_folder,
     to_toml,

@@ -9,11 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, RansWarning
-from rans.model.spacecraft import Spacecraft
-from rans.model.twists import authority_margin
-from rans.policy.any_craft import MARGIN, authority, columns_of, without
-from rans.tasks.go_to_pose import GoToPose
+from rans import RansWarning
+from rans.extend import ConfigError, GoToPose, Spacecraft
+from rans_any_craft.networks import MARGIN, authority, columns_of, without
+from rans_any_craft.twists import authority_margin
 
 _SURE = 0.375
 """Authority margin from which at least 91 % of 32 flights of each of 35 random layouts of four to eight on/off
@@ -28,7 +27,7 @@ class Prospect(NamedTuple):
     """What decides whether a craft holds a pose."""
 
     margin: float
-    """See `rans.model.twists.authority_margin`."""
+    """See `rans_any_craft.twists.authority_margin`."""
     shift: float
     """Largest distance, m, that one thruster moves the craft in a control period after it was open for one."""
     turn: float
@@ -43,7 +42,7 @@ class Prospect(NamedTuple):
         """Prospect of a craft which is commanded every ``period`` seconds.
 
         Raises:
-            ConfigError: see `rans.policy.any_craft.authority`.
+            ConfigError: see `rans_any_craft.networks.authority`.
         """
         authority(craft, period)
         columns = columns_of(craft)

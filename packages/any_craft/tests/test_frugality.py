@@ -10,6 +10,11 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
+from rans_any_craft.authority import Authority, of_body, shortened
+from rans_any_craft.backbone import ALLOCATED, AWAY
+from rans_any_craft.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed, numbers_of
+from rans_any_craft.networks import for_craft
+from rans_any_craft.networks import frugal as at_value
 
 from rans import ConfigError
 from rans.evaluation.fly.agent import load_policy
@@ -17,10 +22,6 @@ from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.any_craft import for_craft
-from rans.policy.any_craft import frugal as at_value
-from rans.policy.authority import Authority, of_body, shortened
-from rans.policy.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
 from rans.policy.network import Network
 from rans.policy.predict import predict
 from rans.pretrained import pretrained_folder
@@ -42,9 +43,9 @@ def test_the_ways_are_those_of_the_craft_that_flies():
     for spec in ("any-craft-3d#1", "any-craft-2d#1@pingu"):
         architecture = contestant(spec).network.architecture
         assert architecture.reach == ()
-        assert (architecture.frugality.away, architecture.frugality.hold) == (1.0, 0.0)
-    assert contestant("any-craft-2d#0.7").network.architecture.frugality.away == 1.0
-    assert contestant("adaptive:any-craft-2d#1").network.architecture.frugality.hold == 0.0
+        assert (numbers_of(architecture).away, numbers_of(architecture).hold) == (1.0, 0.0)
+    assert numbers_of(contestant("any-craft-2d#0.7").network.architecture).away == 1.0
+    assert numbers_of(contestant("adaptive:any-craft-2d#1").network.architecture).hold == 0.0
 
 
 def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0():
@@ -52,7 +53,7 @@ def test_pulsed_craft_in_space_without_wheels_hurry_at_the_value_0():
 
     def acceleration(name):
         own = for_craft(agent, load_spacecraft(name), 0.2)
-        return at_value(own, 0.0, 3.5).architecture.frugality.acceleration
+        return numbers_of(at_value(own, 0.0, 3.5).architecture).acceleration
 
     assert acceleration("spheres") > 1.0
     assert acceleration("cubesat-3u") == acceleration("free-flyer") == 1.0
@@ -89,7 +90,7 @@ def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle()
     network = contestant("any-craft-2d").network
     for value in (0.0, 0.2, 0.5, 0.7):
         short, long = (at_value(network, value, 3.5, seconds) for seconds in (25.0, math.inf))
-        assert short.architecture.frugality == long.architecture.frugality
+        assert numbers_of(short.architecture) == numbers_of(long.architecture)
         assert all(torch.equal(x, long.tensors[name]) for name, x in short.tensors.items())
     # Less counts the longer a flight is, and the last metre more than the one before.
     counts = [given_of(at_value(network, 1.0, 3.5, seconds)) for seconds in (25.0, 30.0, 40.0)]
@@ -102,7 +103,7 @@ def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle()
 
 def given_of(network: Network) -> list[float]:
     """Distances that a network is given of 3, 3.5 and 4 m."""
-    numbers = network.architecture.frugality
+    numbers = numbers_of(network.architecture)
     return [
         float(shortened([distance, 0.0], (1.0, [0.0]), numbers)[0][0])
         for distance in (3.0, 3.5, 4.0)
@@ -134,12 +135,12 @@ def test_distance_and_angle_by_hand():
 def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm():
     """Far away the commands are those of one price, near the goal those of another, and both differ."""
     own = contestant("any-craft-2d#1").network
-    numbers = own.architecture.frugality
+    numbers = numbers_of(own.architecture)
     assert (numbers.price, numbers.away) == pytest.approx((1.5, 8.0 / 3.0))
     seen = observations(2000)
     body = own.architecture.layout.in_body(seen.unbind(-1))
     columns = own.in_body(seen)
-    (away,) = own.architecture.away(columns.unbind(-1))
+    (away,) = ALLOCATED.known(own.architecture, columns.unbind(-1))[AWAY]
     distance = torch.hypot(body[4], body[5])
     # Where the craft may coast, the network is given the goal itself.
     assert torch.equal(away > 0.0, distance > 0.15)
@@ -201,7 +202,7 @@ def test_a_run_folder_keeps_the_value(tmp_path, monkeypatch):
     folder = ContestantName.parse("any-craft-2d#0.8@pingu").folder
     saved = read_policy(folder / "agent.safetensors").network
     expected = contestant("any-craft-2d#0.8@pingu").network
-    assert saved.architecture.frugality == expected.architecture.frugality != AS_TRAINED
+    assert numbers_of(saved.architecture) == numbers_of(expected.architecture) != AS_TRAINED
     seen = observations(200).numpy()
     assert np.array_equal(predict(saved, seen)[0], predict(expected, seen)[0])
 
@@ -254,6 +255,6 @@ def test_files_of_before_prices_fell_and_pulses_held_are_read(later, tmp_path):
     file = tmp_path / "agent.safetensors"
     older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0, *later))
     file.write_bytes(actor_bytes(older, network.weights(), 0))
-    assert read_policy(file).network.architecture.frugality == AS_TRAINED._replace(
+    assert numbers_of(read_policy(file).network.architecture) == AS_TRAINED._replace(
         farthest=0.5, price=2.0
     )

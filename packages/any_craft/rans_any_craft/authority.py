@@ -11,19 +11,27 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from rans.errors import ConfigError
-from rans.model.fields import Field, absolute, at_least, cos, log, sin, sqrt, tanh, where, within
-from rans.policy.frugality import AS_TRAINED, NEAR, Frugality
-from rans.tasks.observation_terms import (
+from rans.extend import (
     AngularVelocity,
     Block,
+    ConfigError,
+    Field,
     Layout,
-    OwnRotation,
     RelativeRotation,
     Scalar,
+    Vec3,
     VectorInW,
-    matrix_rows,
+    absolute,
+    at_least,
+    cos,
+    sin,
+    sqrt,
+    where,
+    within,
 )
+from rans.model import fields
+from rans.tasks.observation_terms import OwnRotation
+from rans_any_craft.frugality import AS_TRAINED, NEAR, Frugality
 
 VECTORS = 6
 """Number of vectors among the columns, which come first: each has a column for every axis."""
@@ -64,7 +72,7 @@ _POSE = {
 """Kinds and widths of the first blocks of observations of go-to-pose."""
 
 
-def width(dimension: int) -> int:
+def column_count(dimension: int) -> int:
     """Number of columns.
 
     The last are logarithms of the authority along +x, -x, +y and so on, then about +z, -z or about all axes.
@@ -162,9 +170,12 @@ def columns(
         [_wide(20.0 * e) for e in error],
         [_wide(v / push) for v in velocity],
         [_wide(20.0 * r) for r in rest],
-        [tanh((approach * e - v) / (3.0 * push)) for e, v in zip(error, velocity, strict=True)],
-        [tanh(0.5 * e) for e in error],
-        [tanh(20.0 * e) for e in error],
+        [
+            fields.tanh((approach * e - v) / (3.0 * push))
+            for e, v in zip(error, velocity, strict=True)
+        ],
+        [fields.tanh(0.5 * e) for e in error],
+        [fields.tanh(20.0 * e) for e in error],
     ]
     # The same of the turn.
     speed = braking(_length(angles), alpha, period)
@@ -181,8 +192,8 @@ def columns(
             _wide(10.0 * (x - 0.5 * w * absolute(w) / lean - w * period))
             for x, w, lean in zip(angles, spin, leaning, strict=True)
         ],
-        [tanh((rate - w) / (3.0 * kick)) for rate, w in zip(rates, spin, strict=True)],
-        [tanh(12.0 * x) for x in angles],
+        [fields.tanh((rate - w) / (3.0 * kick)) for rate, w in zip(rates, spin, strict=True)],
+        [fields.tanh(12.0 * x) for x in angles],
     ]
     zero = 0.0 * spin[0]
     scalars = [
@@ -191,7 +202,7 @@ def columns(
         zero + 0.5 * _log(a / 0.1),
         zero + 0.5 * _log(alpha),
         zero + 1.5 * _log(period / 0.14),
-        tanh(sqrt(at_least(_square(velocity), 1e-12)) * period * 4.0),
+        fields.tanh(sqrt(at_least(_square(velocity), 1e-12)) * period * 4.0),
     ]
     ratios = [zero + _log(x / a) for x in linear] + [zero + _log(x / alpha) for x in angular]
     return [x for vector in (*vectors, *turns) for x in vector] + scalars + ratios
@@ -386,7 +397,7 @@ def layout(observed: Layout) -> Layout:
     Raises:
         ConfigError: the observations are those of another task.
     """
-    return Layout((Block(Scalar, width(_dimension(observed))),))
+    return Layout((Block(Scalar, column_count(_dimension(observed))),))
 
 
 def _dimension(observed: Layout) -> int:
@@ -401,27 +412,6 @@ def _dimension(observed: Layout) -> int:
     )
 
 
-def of_observation(
-    observed: Layout,
-    row: Sequence[Field],
-    authority: Authority,
-    coast: float = 0.0,
-    farthest: tuple[Field, Field] | None = None,
-    frugality: Frugality = AS_TRAINED,
-) -> list[Field]:
-    """Columns of an observation.
-
-    Args:
-        observed: layout of the observation.
-        row: the observation.
-        authority: of the craft.
-        coast: control periods of `coasting`; 0: without it.
-        farthest: distance and flag of `nearer`; None: without it.
-        frugality: see `shortened`.
-    """
-    return of_body(observed, observed.in_body(row), authority, coast, farthest, frugality)
-
-
 def of_body(
     observed: Layout,
     body: Sequence[Field],
@@ -430,7 +420,16 @@ def of_body(
     farthest: tuple[Field, Field] | None = None,
     frugality: Frugality = AS_TRAINED,
 ) -> list[Field]:
-    """Columns of an observation whose fields are in B; see `of_observation`. The order of changes is trained."""
+    """Columns of an observation; the order of changes is trained.
+
+    Args:
+        observed: layout of the observation.
+        body: its fields in B.
+        authority: of the craft.
+        coast: control periods of `coasting`; 0: without it.
+        farthest: distance and flag of `nearer`; None: without it.
+        frugality: see `shortened`.
+    """
     dimension = _dimension(observed)
     axes = 2 * dimension - 3
     velocity, spin = body[:dimension], body[dimension : dimension + axes]
@@ -459,9 +458,10 @@ def of_body(
 
 def _cosine_and_sines(rows: Sequence[Field]) -> tuple[Field, list[Field]]:
     """Cosine of the angle, and sine times the axis, of a rotation by the first two rows of its matrix."""
-    first, second, third = matrix_rows(rows)
-    cosine = 0.5 * (first[0] + second[1] + third[2]) - 0.5
-    sines = (third[1] - second[2], first[2] - third[0], second[0] - first[1])
+    first, second = Vec3(*rows[:3]), Vec3(*rows[3:])
+    third = first.cross(second)
+    cosine = 0.5 * (first.x + second.y + third.z) - 0.5
+    sines = (third.y - second.z, first.z - third.x, second.x - first.y)
     return cosine, [0.5 * x for x in sines]
 
 
@@ -536,7 +536,13 @@ def braking(way: Field, acceleration: Field, period: Field) -> Field:
 
 def _wide(x: Field) -> Field:
     """Signed logarithm, about a third of a decade for each unit."""
-    return _sign(x) * log(1.0 + absolute(x)) * (1.0 / 3.0)
+    return _sign(x) * fields.log(1.0 + absolute(x)) * (1.0 / 3.0)
+
+
+def of_wide(column: Field) -> Field:
+    """The number of which a column is the signed logarithm."""
+    size = fields.exp(3.0 * absolute(column)) - 1.0
+    return where(column < 0.0, -size, size)
 
 
 def _sign(x: Field) -> Field:
@@ -544,4 +550,4 @@ def _sign(x: Field) -> Field:
 
 
 def _log(x: Field) -> Field:
-    return math.log(x) if isinstance(x, int | float) else log(x)
+    return math.log(x) if isinstance(x, int | float) else fields.log(x)

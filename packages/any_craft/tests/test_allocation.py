@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.allocated import CONTINUOUS, ON_OFF, SHUT, WHEEL, choice
+from rans_any_craft.allocation import PRICE, shares
+from rans_any_craft.backbone import ALLOCATED
+from rans_any_craft.twists import authority_margin, balanced
 from scipy.optimize import minimize
 
-from rans.model.twists import authority_margin, balanced
-from rans.policy.adaptation import SHUT
-from rans.policy.allocated import CONTINUOUS, ON_OFF, WHEEL, Allocated, choice
-from rans.policy.allocation import PRICE, shares, subsets
-from rans.policy.frugality import AS_TRAINED
 from rans.policy.program import Program
+from rans.policy.subsets import subsets
 from rans.policy.torch_program import TorchProgram
 from tests.support.layouts import sample_layout
 
@@ -108,11 +108,11 @@ def commanded(kind: float, demand: list[float], shut: list[float] | None = None)
     thrusters = (1.0, 0.0, 0.2), (-1.0, 0.0, -0.2), (0.0, 1.0, 0.0), (0.0, -1.0, 0.0)
     tokens = (*((*one, kind) for one in thrusters), (0.0, 0.0, 1.0, WHEEL))
     own: Any = SimpleNamespace(
-        tokens=tokens, adapts=shut is not None, frugality=AS_TRAINED, features=3, filling=()
+        tokens=tokens, adapts=shut is not None, frugal=(), features=3, filling=()
     )
     own.farthest = own.farthest_lost = 0.0
     program = Program()
-    result = Allocated().traced(program, own, "features")
+    result = ALLOCATED.traced(program, own, "features")
     rows = {"features": torch.tensor([demand]), "head.weight": torch.eye(3)}
     rows |= {"head.bias": torch.zeros(3), SHUT: torch.tensor([shut or [0.0] * 4])}
     return TorchProgram(program, result, {*rows}, torch.zeros(()))(rows)[0].tolist()

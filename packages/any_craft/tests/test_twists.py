@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+from rans_any_craft.twists import authority_margin, balanced, cone_pushes, pushes_along
 from scipy.optimize import linprog
 
 from rans.model.authority import authorities
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
 from tests.support.layouts import sample_layout
 
 

@@ -19,20 +19,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.errors import ConfigError
-from rans.fast.agent_files.agent import read_policy
-from rans.fast.engine import Engine
-from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.graph import as_written, graphed
-from rans.fast.learn.run_folder import RunFolder
-from rans.policy.allocated import demand
-from rans.policy.any_craft import for_craft, frugal, is_for_any_craft
-from rans.policy.architecture import Architecture
-from rans.policy.frugality import Frugality
-from rans.policy.heads import Patterns
-from rans.policy.network import Network
-from rans.pretrained import agent_path
+from rans.extend import Adam, Architecture, ConfigError, Engine, Network, Patterns, PPOSettings
+from rans.fast.learn import graph
+from rans_any_craft.allocated import demand
+from rans_any_craft.frugality import Frugality, numbers_of
+from rans_any_craft.networks import for_craft, frugal
 
 _ROUNDS = 8
 """Rounds of flying and learning in which the agent for any craft flies too: alone in the first, hardly in the
@@ -63,28 +54,19 @@ _AT_FLIGHT_TIME = 0.4
 """Value whose numbers at flight time networks without allocation imitate: cheaper than 0 and 0.2, as quick."""
 
 
-def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network | None:
-    """The network of an agent for any craft, for the engine's craft; None: the agent is one of a single craft.
+def teacher(network: Network, agent: str, engine: Engine, architecture: Architecture) -> Network:
+    """The network of an agent for any craft, for the engine's craft.
 
     Args:
-        agent: run folder, or pretrained:NAME; #VALUE at its end makes it save thrust (`rans.policy.frugality`).
+        network: of the agent.
+        agent: its text; #VALUE at its end makes it save thrust (`rans_any_craft.frugality`).
         engine: of the training.
         architecture: of the network that is to imitate it.
 
     Raises:
         ConfigError: it cannot fly the craft, or the network cannot imitate it.
     """
-    path, _, value = agent.partition("#")
-    file = RunFolder(agent_path(path)).agent_file
-    if not file.exists():
-        return None
-    network = read_policy(file).network
-    if not is_for_any_craft(network.architecture):
-        if value:
-            raise ConfigError(
-                f"begin_from is {agent!r}: only agents for any craft have a frugality after #."
-            )
-        return None
+    _, _, value = agent.partition("#")
     named = f"begin_from is {agent!r}, the agent for any craft"
     if architecture.layout != network.architecture.layout:
         raise ConfigError(
@@ -113,7 +95,7 @@ def teacher(agent: str, engine: Engine, architecture: Architecture) -> Network |
             seconds = engine.timing.episode_steps * engine.timing.control_period
             own = frugal(own, number, distance, seconds)
             numbers = own.architecture.frugal
-            if own.architecture.frugality.price != 1.0:
+            if numbers_of(own.architecture).price != 1.0:
                 raise ConfigError(
                     f"{named}, which at {number:g} and in flights of {seconds:g} s opens valves at a higher price "
                     "of thrust than this network, which cannot imitate it: give a value of at most 0.75 after #."
@@ -225,7 +207,7 @@ class _Lessons:
         self._labels: _Labels | None = None
         self._spread = torch.ones_like(adam.rate)
         self._rows = torch.empty(_BATCH, dtype=torch.int64, device=engine.device)
-        self._step = graphed(self._descend, engine.device)
+        self._step = graph.graphed(self._descend, engine.device)
         self.loss = torch.zeros((), device=engine.device)
         """Loss of the last gradient step, a scalar."""
 
@@ -247,7 +229,7 @@ class _Lessons:
     def learn(self, generator: torch.Generator) -> None:
         """One gradient step on labels drawn by a generator."""
         torch.randint(self._count, self._rows.shape, generator=generator, out=self._rows)
-        with as_written():
+        with graph.as_written():
             self._step()
 
     def _descend(self) -> Tensor:
@@ -315,7 +297,7 @@ def _flown(
         return columns, action, step.reward * settings.reward_scale, going_on
 
     # Replays of a CUDA graph write to the same addresses.
-    fly = graphed(period, engine.device)
+    fly = graph.graphed(period, engine.device)
     flown_periods = []
     for _ in range(periods):
         torch.rand(uniform.shape, generator=generator, out=uniform)

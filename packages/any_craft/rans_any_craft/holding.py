@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.model.fields import Field, absolute, at_least, exp, sqrt, where
+from rans.extend import Field, absolute, at_least, sqrt, where
+from rans_any_craft.authority import of_wide
 
 _DISTANCE = 0.05
 _ANGLE = math.radians(5.0)
@@ -93,25 +94,19 @@ def pulses_of(
 def pose(columns: Sequence[Field]) -> list[Field]:
     """Vector to the goal in B (m), velocity, angle to the goal (rad) and spin, by the columns of a network.
 
-    Columns are those of `rans.policy.authority.columns` in the plane; velocity and spin are in units of the
+    Columns are those of `rans_any_craft.authority.columns` in the plane; velocity and spin are in units of the
     authority. The columns are logarithms of these numbers.
     """
     x, y, speed_x, speed_y = columns[:4]
     turn, spin = columns[12], columns[14]
     return [
-        0.05 * _wide(x),
-        0.05 * _wide(y),
-        _wide(speed_x),
-        _wide(speed_y),
-        0.1 * _wide(turn),
-        _wide(spin),
+        0.05 * of_wide(x),
+        0.05 * of_wide(y),
+        of_wide(speed_x),
+        of_wide(speed_y),
+        0.1 * of_wide(turn),
+        of_wide(spin),
     ]
-
-
-def _wide(column: Field) -> Field:
-    """The number of which a column is the signed logarithm (`rans.policy.authority`)."""
-    size = exp(3.0 * absolute(column)) - 1.0
-    return where(column < 0.0, -size, size)
 
 
 def first(own: Sequence[Field], pulses: Pulses) -> list[Field]:

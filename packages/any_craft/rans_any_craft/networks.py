@@ -1,8 +1,8 @@
 """The network of an agent for any craft, and what it becomes for one craft: weights stay, constants change.
 
-Constants are the authority (`rans.policy.authority`) and what each effector does to the twist in a control period
-(`rans.policy.allocated`). Mass, inertia and radius are in them. In space the torque of a fast spin about other than
-the principal axes is left to feedback.
+Constants are the authority (`rans_any_craft.authority`) and what each effector does to the twist in a control
+period (`rans_any_craft.allocated`). Mass, inertia and radius are in them. In space the torque of a fast spin about
+other than the principal axes is left to feedback.
 """
 
 from __future__ import annotations
@@ -16,16 +16,19 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
-from rans.errors import ConfigError, RansWarning, brief
-from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
-from rans.model.twists import authority_margin, balanced, cone_pushes, pushes_along
-from rans.policy.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, holds, spans, spare
-from rans.policy.architecture import Architecture
-from rans.policy.authority import DIMENSIONS, WAYS, Authority, braking_distance
-from rans.policy.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
-from rans.policy.network import Network
-from rans.pretrained import FOR_ANY_CRAFT
-from rans.tasks.go_to_pose import GoToPose
+from rans.extend import (
+    Architecture,
+    ConfigError,
+    GoToPose,
+    Network,
+    Spacecraft,
+    brief,
+)
+from rans.model.spacecraft import can_turn, is_steerable
+from rans_any_craft.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, holds, spans, spare
+from rans_any_craft.authority import DIMENSIONS, WAYS, Authority, braking_distance
+from rans_any_craft.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
+from rans_any_craft.twists import authority_margin, balanced, cone_pushes, pushes_along
 
 
 class Range(NamedTuple):
@@ -43,7 +46,7 @@ class Range(NamedTuple):
 
 
 MARGIN = Range("authority margin", "", 0.25, math.inf)
-"""Range of `rans.model.twists.authority_margin`."""
+"""Range of `rans_any_craft.twists.authority_margin`."""
 RANGES = {
     2: (
         Range("control period", "s", 0.1, 0.2),
@@ -83,11 +86,6 @@ _HEAVIER = math.sqrt(2.0)
 know."""
 _LEEWAY = 1e-3
 """Part of a bound by which it may be missed."""
-
-
-def is_for_any_craft(architecture: Architecture) -> bool:
-    """Whether the network flies other craft than its own (`for_craft`)."""
-    return bool(architecture.authority) and architecture.backbone == "allocated"
 
 
 def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
@@ -148,7 +146,7 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
 
 
 def coast(craft: Spacecraft, bound: float = 0.0) -> float:
-    """Control periods of `rans.policy.authority.coasting` for a craft; 0 with throttled thrusters.
+    """Control periods of `rans_any_craft.authority.coasting` for a craft; 0 with throttled thrusters.
 
     ``bound`` is that of `farthest`.
     """
@@ -158,7 +156,7 @@ def coast(craft: Spacecraft, bound: float = 0.0) -> float:
 
 
 def farthest(craft: Spacecraft, own: Authority) -> float:
-    """Distance, m, of `rans.policy.authority.nearer` for a craft with an authority; 0: no bound.
+    """Distance, m, of `rans_any_craft.authority.nearer` for a craft with an authority; 0: no bound.
 
     From there the braking curve leads to a part of the speed at which a wheel is full that balances the torques of
     the thrusters. Without a bound the thrusters can push along every axis without torques that only wheels balance.
@@ -232,16 +230,16 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         ConfigError: see `authority`; or the network is that of one craft only.
     """
     old = network.architecture
-    if not is_for_any_craft(old):
+    if not old.authority:
         raise ConfigError(
-            f"the agent flies its own spacecraft only: name {FOR_ANY_CRAFT[craft.dimension]} for another one."
+            f"the agent flies its own spacecraft only: name any-craft-{craft.dimension}d for another one."
         )
     numbers = authority(craft, period)
     own = Authority.of_numbers(numbers)
     if len(numbers) != len(old.authority):
         raise ConfigError(
             f"the agent flies craft {'in the plane' if craft.dimension == 3 else 'in space'} only: name "
-            f"{FOR_ANY_CRAFT[craft.dimension]} for {craft.name}."
+            f"any-craft-{craft.dimension}d for {craft.name}."
         )
     margin = authority_margin(columns_of(craft))
     reached = (period, own.least_linear, own.least_angular, margin)
@@ -252,7 +250,6 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
                 f"{craft.name} has a {allowed.name} of {figure}, and the agent for any craft was "
                 f"trained {allowed.text()}: it may not reach its goals. `rans train` makes an agent for this "
                 "craft alone.",
-                RansWarning,
                 stacklevel=2,
             )
     # What changes with the craft; weights stay.
@@ -295,10 +292,10 @@ def frugal(
     """The network for any craft at a frugality from 0 (fast) to 1, for starts at a distance (m) from their goals.
 
     Its weights are linear in the value between those that it has for some (`Network.at`), and above 0.5 as frugal
-    as flights of so many seconds allow (`rans.policy.frugality.Leisure`).
+    as flights of so many seconds allow (`rans_any_craft.frugality.Leisure`).
 
     ``tolerances`` of the position (m) and of the attitude (rad) need no other weights: a craft flies within 2 cm as
-    a larger and quicker one within 5 cm (`rans.policy.authority.finer`).
+    a larger and quicker one within 5 cm (`rans_any_craft.authority.finer`).
 
     Raises:
         ConfigError: the value is not from 0 to 1, or the network has weights of one value.

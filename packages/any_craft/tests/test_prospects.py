@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rans_any_craft.prospects import Prospect, slips, spared
 
 from rans import ConfigError, Spacecraft, Thruster
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.prospects import Prospect, slips, spared
 
 PLATFORM = load_spacecraft("floating-platform")
 

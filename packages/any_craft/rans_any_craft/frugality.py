@@ -11,6 +11,9 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
+from rans.extend import Architecture
+from rans_any_craft.allocated import holds
+
 NEAR = 0.15
 """Distance, m, within which a frugal network is given the whole error: three times the tolerance, so that it stops
 where it should."""
@@ -85,7 +88,7 @@ class Leisure(NamedTuple):
     ) -> Leisure:
         """What a flight allows: smaller values where it is short, slower ways than the weights' where it is long.
 
-        >>> from rans.policy.frugality import Leisure
+        >>> from rans_any_craft.frugality import Leisure
         >>> Leisure.of_flight(1.0, 3.5, 25.0, 0.38, 1.2)
         Leisure(value=0.85, slow=1.0)
 
@@ -94,7 +97,7 @@ class Leisure(NamedTuple):
             distance: mean distance of the starts, m; 0: only the value counts.
             seconds: length of the flight, s; infinite: only the value counts.
             acceleration: least linear one of the craft, m/s^2.
-            margin: authority margin of the craft (`rans.model.twists.authority_margin`).
+            margin: authority margin of the craft (`rans_any_craft.twists.authority_margin`).
             dimension: 2 or 3.
             has_pulses: whether thrusters are on/off or pulsed; throttled craft of small margin need no longer with
                 the weights of a value.
@@ -154,7 +157,7 @@ class Frugality(NamedTuple):
     away: float = 1.0
     """Further factor of the price of on/off thrust beyond `NEAR`, unless ``farthest`` is nearer."""
     hold: float = 0.0
-    """1: within the tolerances pulses hold the pose (`rans.policy.holding`); 0: the network's demand does."""
+    """1: within the tolerances pulses hold the pose (`rans_any_craft.holding`); 0: the network's demand does."""
     growth: float = 0.0
     """What ``shortened`` grows by for each metre of distance beyond `NEAR`, 1/m."""
     finer: float = 1.0
@@ -211,3 +214,30 @@ class Frugality(NamedTuple):
 
 AS_TRAINED = Frugality(1.0, 0.0, 0.0, 1.0)
 """The numbers of an agent as it was trained."""
+
+
+def numbers_of(architecture: Architecture) -> Frugality:
+    """The numbers of a network, of which those of older files end sooner."""
+    return Frugality(*architecture.frugal) if architecture.frugal else AS_TRAINED
+
+
+def check_frugality(architecture: Architecture) -> None:
+    """Refuse (`ValueError`) numbers of an agent's file that are none."""
+    frugal = architecture.frugal
+    by_pulses = holds(architecture.tokens) and not architecture.adapts
+    # Older files end before the factor of the price far away, with it, or with the growth.
+    if frugal and (
+        not architecture.authority
+        or len(AS_TRAINED) - len(frugal) not in (0, 2, 4, 5)
+        or not 0.0 < frugal[0] <= 1.0
+        or min(frugal[1:3]) < 0.0
+        or frugal[2] > math.pi
+        or min(frugal[3:7]) <= 0.0
+        or (frugal[7:] and (frugal[7] not in (0.0, 1.0)[: 1 + by_pulses] or frugal[8] < 0.0))
+        or min(frugal[9:], default=1.0) <= 0.0
+    ):
+        raise ValueError(
+            "its frugality is not a part of a distance, a distance, an angle, factors of a price, of "
+            "accelerations, of a time and of the price far away, whether pulses hold the pose, a growth and "
+            "factors of finer tolerances, or it is no agent for any craft that can"
+        )

@@ -8,17 +8,20 @@ from typing import Any
 
 import pytest
 import torch
+from rans_any_craft import imitation
+from rans_any_craft.allocated import demand
+from rans_any_craft.frugality import numbers_of
 
 from rans import ConfigError
 from rans.api.training import from_any_craft
 from rans.evaluation.fly import choice
 from rans.fast.agent_files.agent import read_policy
-from rans.fast.learn import any_craft, graph
+from rans.fast.learn import graph
 from rans.fast.learn.config import MemorySettings, TrainConfig, training
+from rans.fast.learn.policy_file import teacher
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.spacecraft_file import load_spacecraft
-from rans.policy.allocated import demand
 from rans.policy.network import Network
 from rans.randomization.conditions_file import load_conditions
 
@@ -37,12 +40,10 @@ def trainer(folder: Path, given: TrainConfig) -> Trainer:
 def imitate(begun: Trainer) -> Any:
     """The expert, which the training's agent has imitated."""
     learner = begun.learner
-    expert = any_craft.teacher(
-        "pretrained:any-craft-2d", begun.engine, learner.network.architecture
-    )
+    expert = teacher("pretrained:any-craft-2d", begun.engine, learner.network.architecture)
     assert expert is not None
     losses: list[float] = []
-    any_craft.imitate(
+    imitation.imitate(
         begun.engine,
         learner.network,
         learner.adam,
@@ -58,10 +59,10 @@ def imitate(begun: Trainer) -> Any:
 
 
 def shorten(monkeypatch: pytest.MonkeyPatch, rounds: int, updates: int) -> None:
-    monkeypatch.setattr(any_craft, "_ROUNDS", rounds)
-    monkeypatch.setattr(any_craft, "_OWN_ROUNDS", 1)
-    monkeypatch.setattr(any_craft, "_MOST_ROUNDS", rounds + 1)
-    monkeypatch.setattr(any_craft, "_UPDATES", updates)
+    monkeypatch.setattr(imitation, "_ROUNDS", rounds)
+    monkeypatch.setattr(imitation, "_OWN_ROUNDS", 1)
+    monkeypatch.setattr(imitation, "_MOST_ROUNDS", rounds + 1)
+    monkeypatch.setattr(imitation, "_UPDATES", updates)
 
 
 @pytest.mark.parametrize(
@@ -136,12 +137,12 @@ def test_ways_with_a_price_of_their_own_are_not_imitated_by_demands(tmp_path):
     steps = begun.engine.timing.episode_steps
     for value, flown in (("0.4", 160), ("0.75", 160), ("0.9", steps)):
         begun.engine.timing = replace(begun.engine.timing, episode_steps=flown)
-        made = any_craft.teacher(f"pretrained:any-craft-2d#{value}", begun.engine, architecture)
+        made = teacher(f"pretrained:any-craft-2d#{value}", begun.engine, architecture)
         assert made is not None
-        assert made.architecture.frugality.price == 1.0
+        assert numbers_of(made.architecture).price == 1.0
     begun.engine.timing = replace(begun.engine.timing, episode_steps=160)
     with pytest.raises(ConfigError, match=r"at 0\.9 and in flights of 32 s .* at most 0\.75"):
-        any_craft.teacher("pretrained:any-craft-2d#0.9", begun.engine, architecture)
+        teacher("pretrained:any-craft-2d#0.9", begun.engine, architecture)
 
 
 @pytest.mark.gpu
@@ -150,14 +151,14 @@ def test_a_graph_replays_its_gradient_steps(tmp_path, monkeypatch):
     """On a GPU they are those of single operations, through rounds whose labels and step sizes differ."""
     shorten(monkeypatch, rounds=3, updates=20)
     weights = []
-    for number, begins in enumerate((any_craft.graphed, lambda function, _: function)):
-        monkeypatch.setattr(any_craft, "graphed", begins)
+    for number, begins in enumerate((graph.graphed, lambda function, _: function)):
+        monkeypatch.setattr(graph, "graphed", begins)
         begun = trainer(tmp_path / str(number), replace(config(), device="cuda"))
         learner = begun.learner.network
-        expert = any_craft.teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
+        expert = teacher("pretrained:any-craft-2d", begun.engine, learner.architecture)
         assert expert is not None
         adam = begun.learner.adam
-        any_craft.imitate(begun.engine, learner, adam, expert, begun.config.ppo, lambda: False)
+        imitation.imitate(begun.engine, learner, adam, expert, begun.config.ppo, lambda: False)
         weights.append(learner.weights())
     for name, weight in weights[0].items():
         torch.testing.assert_close(weight, weights[1][name], rtol=1e-3, atol=1e-4)
@@ -166,8 +167,8 @@ def test_a_graph_replays_its_gradient_steps(tmp_path, monkeypatch):
 def test_values_are_of_its_own_flights(tmp_path, monkeypatch):
     """The returns of the expert's flights teach nothing, and those of its own do."""
     shorten(monkeypatch, rounds=1, updates=4)
-    monkeypatch.setattr(any_craft, "_SECONDS", 1.6)
-    flown = any_craft._flown
+    monkeypatch.setattr(imitation, "_SECONDS", 1.6)
+    flown = imitation._flown
     values = []
     # Planted errors in the returns: none, of the expert's flights, of its own.
     for number, wrong in enumerate([(0.0, 0.0), (1e3, 0.0), (0.0, 1.0)]):
@@ -178,7 +179,7 @@ def test_values_are_of_its_own_flights(tmp_path, monkeypatch):
             return labels._replace(returns=labels.returns + error)
 
         begun = trainer(tmp_path / str(number), config())
-        monkeypatch.setattr(any_craft, "_flown", planted)
+        monkeypatch.setattr(imitation, "_flown", planted)
         imitate(begun)
         with torch.no_grad():
             values.append(begun.learner.network.evaluate(begun.engine.observe()).value)
@@ -189,7 +190,7 @@ def test_values_are_of_its_own_flights(tmp_path, monkeypatch):
 def test_commands_of_pulsed_thrusters_spread_as_their_errors(tmp_path, monkeypatch):
     """PPO would fly at random if it began with the usual spread, a whole period of thrust."""
     shorten(monkeypatch, rounds=1, updates=80)
-    monkeypatch.setattr(any_craft, "_SECONDS", 1.6)
+    monkeypatch.setattr(imitation, "_SECONDS", 1.6)
     begun = trainer(tmp_path, config(craft="freeflyer2"))
     imitate(begun)
     assert (begun.learner.network.tensors["log_std"] < -0.1).all()
@@ -200,9 +201,9 @@ def test_an_imitation_that_solves_the_task_is_all_of_a_training(tmp_path, monkey
 
     Its judge is not compiled, which took most of 23 s on a GPU.
     """
-    monkeypatch.setattr(any_craft, "_ROUNDS", 1)
-    monkeypatch.setattr(any_craft, "_UPDATES", 1)
-    monkeypatch.setattr(any_craft, "_SECONDS", 0.4)
+    monkeypatch.setattr(imitation, "_ROUNDS", 1)
+    monkeypatch.setattr(imitation, "_UPDATES", 1)
+    monkeypatch.setattr(imitation, "_SECONDS", 0.4)
     given = config()
     begun = trainer(tmp_path / "ends", given)
     found = iter([0.98, 1.0])
@@ -234,7 +235,7 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path):
     architecture = begun.learner.network.architecture
 
     def frugal(name: str) -> tuple[float, ...]:
-        expert = any_craft.teacher(f"pretrained:{name}", begun.engine, architecture)
+        expert = teacher(f"pretrained:{name}", begun.engine, architecture)
         assert expert is not None
         return expert.architecture.frugal
 
@@ -246,7 +247,7 @@ def test_a_number_after_the_name_makes_it_save_thrust(tmp_path):
     # Demands are imitated of the weights of the value.
     architecture = replace(architecture, backbone="allocated")
     own, of_value = (
-        any_craft.teacher(f"pretrained:any-craft-2d{value}", begun.engine, architecture)
+        teacher(f"pretrained:any-craft-2d{value}", begun.engine, architecture)
         for value in ("", "#0.4")
     )
     assert own is not None

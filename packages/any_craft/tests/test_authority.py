@@ -3,8 +3,7 @@
 import math
 
 import pytest
-
-from rans.policy.authority import Authority, columns
+from rans_any_craft.authority import Authority, columns
 
 OWN = Authority.of_numbers((0.2, 0.1, 0.05, 0.2, 0.08, 0.5, 0.3))
 """Accelerations along +x, -x, +y, -y, m/s^2, and about +z, -z, rad/s^2."""

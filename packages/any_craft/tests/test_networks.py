@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.authority import Authority, braking_distance, nearer
+from rans_any_craft.networks import authority, farthest, for_craft, without
 
 import rans
 from rans import ConfigError, Spacecraft, Thruster
@@ -16,8 +18,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
-from rans.policy.any_craft import authority, farthest, for_craft, without
-from rans.policy.authority import Authority, braking_distance, nearer
 from rans.policy.network import Network
 from tests.support.pose_observations import observations
 

@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.frugality import numbers_of
+from rans_any_craft.holding import Pulses, first, pulses_of, worth
 
 from rans.evaluation.fly.contestants import contestant
-from rans.policy.holding import Pulses, first, pulses_of, worth
 from rans.policy.network import Network
 from rans.policy.predict import predict
 from tests.support.pose_observations import observations
@@ -80,7 +81,7 @@ def test_at_most_three_thrusters_open_and_the_first_row_is_the_networks():
 def test_pulses_are_chosen_within_the_tolerances_alone():
     """Elsewhere the commands are those of the network, bit for bit."""
     own = contestant("any-craft-2d#1").network
-    numbers = own.architecture.frugality
+    numbers = numbers_of(own.architecture)
     assert numbers.hold == 1.0
     plain = Network(
         replace(own.architecture, frugal=tuple(numbers._replace(hold=0.0))), own.tensors

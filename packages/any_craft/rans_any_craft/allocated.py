@@ -1,6 +1,6 @@
-"""A backbone whose last layer demands a change of twist, which is then allocated to the craft's effectors.
+"""Allocation of a demanded change of twist to the effectors of a craft, by their tokens.
 
-Its weights are the same whatever effectors a craft has, and in whatever order.
+A token is what an effector does to the twist in a control period, in units of the craft's authority, and its kind.
 """
 
 from __future__ import annotations
@@ -8,32 +8,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from torch import Tensor
 from torch.nn import functional
 
-from rans.model.fields import Field, where, within
-from rans.model.twists import balanced, directions
-from rans.policy.adaptation import AWAY, POSE, SHUT, WHEELS
-from rans.policy.allocation import (
-    PRICE,
-    Subsets,
-    continuous_price,
-    in_order,
-    shares,
-    subsets,
-    thrust_price,
-)
-from rans.policy.backbones import Backbone
-from rans.policy.heads import Patterns
-from rans.policy.holding import NUMBERS, Pulses, first, in_units, pulses_of, worth
-from rans.policy.program import Program, inputs
-
-if TYPE_CHECKING:
-    from rans.policy.architecture import Architecture
-    from rans.policy.network import Network
+from rans.extend import Field, Network, subsets, within
+from rans.policy.subsets import Subsets
+from rans_any_craft.allocation import PRICE, continuous_price, in_order, shares, thrust_price
+from rans_any_craft.twists import balanced, directions
 
 ON_OFF = 0.0
 SHARED = 1.0
@@ -41,10 +25,12 @@ CONTINUOUS = 2.0
 WHEEL = 3.0
 """Kinds of effectors, the last number of a token: on/off thruster, the same with a shared supply, thruster with
 commands between, reaction wheel."""
+SHUT = "shut"
+"""Row of a program, (N, thrusters): 1 for a thruster that an adapting policy takes for lost, else 0."""
+WHEELS = "wheels"
+"""Row of a program, (N, wheels + 1): momentum of every wheel, over that at which it is full, and number of periods
+since the start, of a policy that remembers them."""
 Tokens = tuple[tuple[float, ...], ...]
-_CHECK = 2
-"""Control periods for which two opposite thrusters are open while they are checked: an estimator sees changes over
-two periods."""
 _MOMENTUM_PRICE = 0.3
 """Price of a unit of a wheel's change of the spin that makes a full wheel fuller, in units of squared errors; what
 makes it emptier is paid. At 1 half as many flights of CubeSats with a dead thruster settle as at 0.1 and 0.3."""
@@ -54,131 +40,13 @@ the wheels. Of 0.2, 0.3, 0.4, 0.5 and 0.8 it settles most flights of cubesat-6u 
 _GENTLE_WEIGHT = 4.0
 """Weight of squared errors of the spin there, of 2, 4, 6, 8 and 12: the attitude is lost with full wheels."""
 _LOST = 1e4
-"""Price of opening such a thruster, in units of squared errors: above what any demand is worth."""
-
-
-class Allocated(Backbone):
-    """The last layer's numbers are a demand in units of the craft's authority (`rans.policy.allocation`).
-
-    They are three in the plane and six in space. A token is what an effector does to the twist in a control period
-    in the same units, and its kind. Wheels turn the craft by what thrusters leave; where thrusters alone cannot
-    push and turn it every way, both are allocated together.
-    """
-
-    token_widths = 4, 7
-
-    def rows(self, architecture: Architecture) -> int:
-        """See `Backbone`."""
-        return architecture.last.weights * _width(architecture.tokens)
-
-    def tables(self, architecture: Architecture, like: Tensor) -> tuple[Tensor, ...]:
-        """See `Backbone`: for a network that learns for its own craft, which has on/off thrusters alone."""
-        kinds = {token[-1] for token in architecture.tokens}
-        if architecture.authority or not kinds <= {ON_OFF, SHARED}:
-            return ()
-        chosen = choice(architecture.tokens, price=architecture.frugality.price)
-        assert chosen is not None
-        return tuple(map(like.new_tensor, (chosen.offset, chosen.slope.T, chosen.opened)))
-
-    def patterns(self, network: Network, features: Tensor) -> Patterns | None:
-        """See `Backbone`."""
-        return Patterns(demand(network, features), *network.tables) if network.tables else None
-
-    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
-        """Shares or log-odds, of features and rows of what is known; see `Backbone`."""
-        width = _width(architecture.tokens)
-        demand = program.dense(features, "head", width, architecture.features)
-        symbols = inputs("demand", width)
-        chosen = choice(architecture.tokens, architecture.adapts, architecture.frugality.price)
-        if chosen is None:
-            names = dict(zip(symbols, program.single(demand, width), strict=True))
-            limits, some = None, 0.0
-            if architecture.adapts:
-                lost = inputs("lost", _thrusters(architecture.tokens))
-                names |= dict(zip(lost, program.single(SHUT, len(lost)), strict=True))
-                parts: list[Field] = [*lost]
-                limits, some = [1.0 - x for x in parts], sum(parts)
-            gentle = _gentle(architecture, some)
-            remembered = []
-            if architecture.filling:
-                remembered = inputs("wheel", len(architecture.filling) + 1)
-                wheel_names = program.single(WHEELS, len(remembered))
-                names |= dict(zip(remembered, wheel_names, strict=True))
-            filled = _filled(architecture, remembered)
-            commands = continuous(
-                symbols, architecture.tokens, limits, gentle, filled, architecture.frugality.price
-            )
-            commands = _checked(commands, architecture, remembered)
-            return program.joined(*program.lowered(commands, names))
-        # The best subset is the largest of linear functions.
-        factor = architecture.frugality.away
-        more = [AWAY] * (factor != 1.0) + [SHUT] * architecture.adapts
-        known = program.joined(demand, *more) if more else demand
-        slopes = program.constant(_slopes(chosen, architecture.adapts, factor), "subset_slopes")
-        product_ = program.apply("MatMul", known, slopes)
-        offset = program.constant(chosen.offset, "subset_offsets")
-        best = program.apply("ArgMax", program.apply("Add", product_, offset), axis=1, keepdims=0)
-        turning = wheels(architecture.tokens)
-        count = chosen.opened.shape[1]
-        if not turning:
-            table = program.constant(effects(chosen)[:, :count], "subsets")
-            opened = program.apply("Gather", table, best, axis=0)
-            if not architecture.frugality.hold:
-                return opened
-            return _held(program, opened, _pulses(architecture.tokens, architecture.authority))
-        table = program.constant(effects(chosen), "subsets")
-        row = program.apply("Gather", table, best, axis=0)
-        opened, twist = program.split(row, (count, width))
-        half = program.constant(0.5)
-        pairs = zip(program.single(demand, width), program.single(twist, width), strict=True)
-        left = [program.apply("Sub", a, b) for a, b in pairs]
-        commands = program.lowered(
-            continuous(symbols, turning), dict(zip(symbols, left, strict=True))
-        )
-        return program.joined(program.apply("Add", opened, half), *commands)
+"""Price of opening a lost thruster, in units of squared errors: above what any demand is worth."""
 
 
 def holds(tokens: Tokens) -> bool:
     """Whether a craft can hold its pose by pulses alone: in the plane, with on/off thrusters and nothing else."""
     kinds = {token[-1] for token in tokens}
-    return bool(kinds) and kinds <= {ON_OFF, SHARED} and _width(tokens) == 3
-
-
-@lru_cache(maxsize=64)
-def _pulses(tokens: Tokens, authority: tuple[float, ...]) -> Pulses:
-    """Pulses by which a craft holds its pose."""
-    chosen = choice(tokens)
-    assert chosen is not None
-    # An offset is minus the squared twist and minus the price of the thrust.
-    thrust = -chosen.offset - np.square(chosen.twist).sum(axis=1)
-    period, *ways = authority
-    square = period * period
-    units = min(ways[:4]) * square, min(ways[4:]) * square
-    return pulses_of(chosen.opened, chosen.twist, thrust, units, period)
-
-
-def _mixed(opened: Field, held: Field, is_network: Field) -> Field:
-    """What the network opens where a flag is 1, else what holds the pose."""
-    return is_network * opened + (1.0 - is_network) * held
-
-
-def _held(program: Program, opened: str, pulses: Pulses) -> str:
-    """Thrusters of a craft that holds its pose by pulses (`POSE`), or ``opened`` of the network."""
-    symbols = inputs("pose", NUMBERS)
-    names = dict(zip(symbols, program.single(POSE, NUMBERS), strict=True))
-    own = program.lowered(in_units(symbols, pulses), names)
-
-    def pulse(*numbers: Field) -> Field:
-        state, (*twist, thrust) = numbers[:NUMBERS], numbers[NUMBERS:]
-        return worth(state, twist, thrust, pulses.radius, pulses.angle)
-
-    tables = [program.constant(column) for column in (*pulses.twist.T, pulses.thrust)]
-    others = program.lowered(first(symbols, pulses), names)
-    scores = program.joined(*others, program.each(pulse, *own, *tables))
-    best = program.apply("ArgMax", scores, axis=1, keepdims=0)
-    row = program.apply("Gather", program.constant(pulses.table, "pulses"), best, axis=0)
-    held, is_network = program.split(row, (pulses.table.shape[1] - 1, 1))
-    return program.each(_mixed, opened, held, is_network)
+    return bool(kinds) and kinds <= {ON_OFF, SHARED} and width(tokens) == 3
 
 
 def demand(network: Network, features: Tensor) -> Tensor:
@@ -187,7 +55,7 @@ def demand(network: Network, features: Tensor) -> Tensor:
     return functional.linear(features, weight, bias)
 
 
-def _width(tokens: Tokens) -> int:
+def width(tokens: Tokens) -> int:
     """Numbers of a change of twist."""
     return len(tokens[0]) - 1
 
@@ -231,7 +99,7 @@ def _subsets_without(
     return Subsets(*(x[np.sort(first)] for x in joined))
 
 
-def _slopes(chosen: Subsets, adapts: bool, away: float) -> np.ndarray:
+def slopes_of(chosen: Subsets, adapts: bool, away: float) -> np.ndarray:
     """Table (d, S) of the linear functions of a demand, and rows for what else they depend on.
 
     These are whether the goal is far, where a factor ``away`` of the price is not 1, and the n lost thrusters.
@@ -253,7 +121,7 @@ def spare(tokens: Tokens) -> tuple[int, ...]:
 
     Wheels help throttled and pulsed thrusters, and others where all thrusters alone do not.
     """
-    thrusters = _thrusters(tokens)
+    thrusters = thruster_count(tokens)
     columns = np.array(tokens)[:, :-1]
     turning = columns[thrusters:]
     is_continuous = tokens[0][-1] == CONTINUOUS
@@ -270,7 +138,7 @@ def spare(tokens: Tokens) -> tuple[int, ...]:
     )
 
 
-def _thrusters(tokens: Tokens) -> int:
+def thruster_count(tokens: Tokens) -> int:
     """Number of the thrusters, whose tokens come first."""
     return len(tokens) - len(wheels(tokens))
 
@@ -284,7 +152,7 @@ def spans(columns: np.ndarray) -> bool:
     return bool((balanced(columns) > 0.0).all())
 
 
-def effects(chosen: Subsets) -> np.ndarray:
+def effects_of(chosen: Subsets) -> np.ndarray:
     """Table (S, n + d): 0.5 for open and -0.5 for shut thrusters, then the change of twist."""
     return np.concatenate((chosen.opened - 0.5, chosen.twist), axis=1)
 
@@ -292,13 +160,6 @@ def effects(chosen: Subsets) -> np.ndarray:
 def wheels(tokens: Tokens) -> Tokens:
     """Tokens of the wheels, which come last."""
     return tuple(token for token in tokens if token[-1] == WHEEL)
-
-
-def _gentle(architecture: Architecture, lost: Field) -> Field | None:
-    """Whether wheels take up momentum with the speed, 1 or 0; None: they never do. ``lost``: of a thruster."""
-    if architecture.farthest:
-        return 1.0
-    return lost if architecture.farthest_lost and architecture.adapts else None
 
 
 class Filled(NamedTuple):
@@ -314,48 +175,11 @@ class Filled(NamedTuple):
         return within((1.0 - way * self.momentum) * (1.0 / self.filling), 0.0, 1.0)
 
 
-def _filled(architecture: Architecture, remembered: Sequence[Field]) -> list[Filled]:
-    """Wheels of a policy that remembers their momenta (`rans.policy.adaptation.Estimate`); none of another."""
-    return list(map(Filled, remembered[:-1], architecture.filling))
-
-
-def _checked(
-    commands: list[Field], architecture: Architecture, remembered: Sequence[Field]
-) -> list[Field]:
-    """Commands, or in the first periods those that check thrusters, of a policy that remembers momenta.
-
-    A lost thruster is then known before the craft is faster than it can be stopped by the others.
-    """
-    if not has_checks(architecture):
-        return commands
-    periods = remembered[-1]
-    thrusters = _thrusters(architecture.tokens)
-    groups = checks(architecture.tokens)
-    first = {k: _CHECK * number for number, group in enumerate(groups) for k in group}
-    ending = float(_CHECK * len(groups))
-    checked: list[Field] = [
-        where(periods < first[k], 0.0, where(periods < first[k] + _CHECK, 1.0, 0.0))
-        if k in first
-        else 0.0
-        for k in range(thrusters)
-    ]
-    checked += [0.5] * (len(commands) - thrusters)
-    return [
-        where(periods < ending, check, command)
-        for command, check in zip(commands, checked, strict=True)
-    ]
-
-
-def has_checks(architecture: Architecture) -> bool:
-    """Whether a policy checks its thrusters: it remembers momenta, and would fly too fast without one of them."""
-    return bool(architecture.filling) and not architecture.farthest
-
-
 @lru_cache(maxsize=64)
 def checks(tokens: Tokens) -> tuple[tuple[int, ...], ...]:
     """Thrusters that are checked together: each that the craft can spare, with the one that is most opposite."""
     columns = np.array(tokens)[:, :-1]
-    left = [k for k in in_order(columns[: _thrusters(tokens)]).tolist() if k in spare(tokens)]
+    left = [k for k in in_order(columns[: thruster_count(tokens)]).tolist() if k in spare(tokens)]
     groups = []
     while left:
         one = left.pop(0)
@@ -425,10 +249,10 @@ def _allocated(
         for token in tokens
         for sign in ((1.0, -1.0) if token[-1] == WHEEL else (1.0,))
     ]
-    thrusters = _thrusters(tokens)
+    thrusters = thruster_count(tokens)
     # Limits of the thrusters, then of both ways of every wheel; what fills a wheel has a price.
     count = len(columns)
-    thrusters = _thrusters(tokens)
+    thrusters = thruster_count(tokens)
     most: list[Field | None] = [None] * count
     most[:thrusters] = limits or most[:thrusters]
     charges: list[Field] = [0.0] * count

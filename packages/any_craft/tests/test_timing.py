@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rans_any_craft.timing import timing_for
 
 from rans import TASKS, ConfigError, RansWarning, Spacecraft, Thruster, Timing
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.config import training
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.policy.timing import timing_for, timing_of_file
+from rans.policy.timing import timing_of_file
 
 PLATFORM = load_spacecraft("floating-platform")
 
