@@ -8,13 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
-from rans.progress import Stages
 from rans.registry import Registry
 from rans.tasks.base import Task
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.contest import Contest
-    from rans.evaluation.compare.run import Comparison
+    from rans.evaluation.compare.run import Reference
 
 
 @dataclass(frozen=True)
@@ -23,9 +22,8 @@ class Problem:
 
     bounded: Callable[[Contest], bool]
     """Whether the starts of a contest have bounds."""
-    bounds: Callable[[Comparison, int, Stages], None]
-    """Adds the bounds of so many first starts, above 0, to a comparison whose contest is `bounded`
-    (`rans.evaluation.compare.run.Comparison.mission`), each as soon as it is known."""
+    bounds: Reference
+    """Adds the bounds of first starts to a comparison whose contest is `bounded` (`Comparison.mission`)."""
     opponents: tuple[str, ...] = ()
     """Default opponents of comparisons (`rans.evaluation.fly.controllers.BESIDE`); empty: those of any task."""
     solve: Callable[[Any, Spacecraft, Task], int] | None = None

@@ -246,19 +246,18 @@ class Comparison(NotebookRepr):
             with self.noting(name):
                 if simple.name not in self.names():  # A controller flies once.
                     self.entries.append(_entry(self, simple, noted, workers))
-        if "optimal" in opponents and (problem := bounding(self.contest)):
-            count = min(certified, self.contest.episodes)
-            with self.noting("certified bounds"):
-                if count:
-                    problem.bounds(self, count, noted)
-        elif "optimal" in opponents and self.contest.conditions is not None:
+        if "optimal" not in opponents:
+            return
+        problem = bounding(self.contest)
+        if problem is None and self.contest.conditions is not None:
             self.notes.append(
                 "Optima and bounds hold for nominal conditions; under these conditions none is claimed."
             )
-        elif "optimal" in opponents:
-            for name in REFERENCES:
+        else:
+            references = REFERENCES if problem is None else {"certified bounds": problem.bounds}
+            for name in references:
                 with self.noting(name):
-                    REFERENCES[name](
+                    references[name](
                         self,
                         certified=certified,
                         cache=cache,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, Contest, Progress, Stages, map_leaves, unseen
+from rans.extend import Comparison, ConfigError, Contest, Progress, Stages, map_leaves, unseen
 from rans_missions.bounds.mission_bounds import MissionBounds
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_of_mission
@@ -72,8 +72,9 @@ def mission_bounds(
         yield MissionBounds(np.array(lower), spending, deadlines)
 
 
-def add_bounds(comparison: Any, count: int, stages: Stages) -> None:
+def add_bounds(comparison: Comparison, certified: int, stages: Stages, **_: object) -> None:
     """Add the bounds of the first starts to a comparison; an interrupt leaves those that are known."""
+    count = min(certified, comparison.contest.episodes)
     step = stages("certified bounds", count)
     found = None
     try:
