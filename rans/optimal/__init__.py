@@ -1,1 +1,1 @@
-"""Optimal control: optimal trajectories, certified bounds, and classical controllers."""
+"""Controllers of optimal and classical control that need no training."""

@@ -1,1 +1,1 @@
-"""Optimal trajectories of relaxed commands, by direct multiple shooting."""
+"""Optimal control by CasADi: trajectories of relaxed commands by direct multiple shooting, and MPC."""
