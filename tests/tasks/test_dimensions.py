@@ -9,12 +9,11 @@ import gymnasium
 import pytest
 
 import rans
-from rans import ConfigError
+from rans import TASKS, ConfigError
 from rans.model.drift import Drift, UniformGravity
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.random import Random
-from rans.tasks import TASKS
 from rans.tasks.derived import check_dimension, dimensions
 from rans.tasks.observation_terms import Scalar
 

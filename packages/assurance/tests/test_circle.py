@@ -12,13 +12,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rans_assurance.circle import RADIUS, START_SPREAD, LookAhead, Progress, fly_circle, tracked
 
+from rans import Spacecraft, Timing, TrackVelocity
 from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.tasks import TrackVelocity
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -79,14 +77,14 @@ def by_hand(flights: int) -> Flight:
     return Flight(PLATFORM, TrackVelocity(), timing, states, goals, thrusters, "by hand")
 
 
-def test_the_closest_point_if_none_is_within_the_distance() -> None:
+def test_the_closest_point_if_none_is_within_the_distance():
     planner = LookAhead(speed=0.5)
     progress, command = planner.plan(np.array([(2.0, 0.0, 1.0)]), np.zeros(1))
     assert progress == [0.0]
     assert command[0] == pytest.approx(0.5 * np.array([-0.5, 0.0, -1.0]) / math.hypot(0.5, 1.0))
 
 
-def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
+def test_a_point_that_obeys_exactly_follows_the_circle():
     """It settles where its command is a tangent: radius^2 + 0.25^2 = 1.5^2, 2.1 cm inside the path."""
     planner = LookAhead()
     period = 0.01
@@ -102,7 +100,7 @@ def test_a_point_that_obeys_exactly_follows_the_circle() -> None:
 
 
 @given(st.integers(0, 2**31), st.floats(0.02, 1.5), st.sampled_from([2, 3]))
-def test_progress_never_goes_back_nor_jumps(seed: int, distance: float, dimension: int) -> None:
+def test_progress_never_goes_back_nor_jumps(seed, distance, dimension):
     """Wherever it is blown to: progress grows by a window at most, and the command keeps its length."""
     planner = LookAhead(0.3, distance)
     position = np.random.default_rng(seed).normal(0.0, 1.5, (3, dimension))
@@ -113,7 +111,7 @@ def test_progress_never_goes_back_nor_jumps(seed: int, distance: float, dimensio
     assert lengths == pytest.approx(np.where(after < planner.end, 0.3, 0.0))
 
 
-def test_the_distance_is_from_the_part_near_the_flight() -> None:
+def test_the_distance_is_from_the_part_near_the_flight():
     """Half a lap away it is from the end of that part, 0.25 m along: by the law of cosines."""
     planner = LookAhead()
     place = np.array([(1.6, 0.0, 0.0), (1.5, 0.0, -0.2)])
@@ -123,7 +121,7 @@ def test_the_distance_is_from_the_part_near_the_flight() -> None:
     assert planner.cross_track(place[:1], np.array([math.pi])) == pytest.approx([far])
 
 
-def test_errors_by_hand() -> None:
+def test_errors_by_hand():
     """The approach does not count; a flight that is still in it is judged by its last instant."""
     planner = LookAhead(speed=0.4, distance=0.15)
     # 0.5, 0.5, 0.3, 0.3 m/s at the ends of the periods; half of the thrusters in two of four periods.
@@ -147,7 +145,7 @@ def test_errors_by_hand() -> None:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
-def test_a_simple_tracker_follows_the_circle(craft: Spacecraft) -> None:
+def test_a_simple_tracker_follows_the_circle(craft):
     """A perfect one is 2.1 cm inside; with pulses of 7.5 cm/s it should stay within three times that.
 
     Flights start near the first point, at rest, each in its own place and attitude, and rest at the end.
@@ -175,7 +173,7 @@ def test_a_simple_tracker_follows_the_circle(craft: Spacecraft) -> None:
 
 
 @pytest.mark.parametrize(("look_ahead", "solved"), [(0.3, 100.0), (1.35, 0.0)])
-def test_a_lap_that_is_cut_is_none(look_ahead: float, solved: float) -> None:
+def test_a_lap_that_is_cut_is_none(look_ahead, solved):
     """By hand: around a circle of 1.5 m at sqrt(1.5^2 - L^2), 0.98 and 0.44 of its radius."""
     planner = LookAhead(distance=look_ahead)
     flight = flown(planner)

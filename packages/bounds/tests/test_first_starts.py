@@ -6,7 +6,6 @@ import json
 import math
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -14,14 +13,12 @@ from rans_bounds import first_starts, transfers
 from rans_bounds.first_starts import certified_bounds
 from rans_bounds.starts import Question, goal_set, staying_set
 
-from rans.errors import ConfigError
+from rans import ConfigError, GoToPose, Timing
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.run import Comparison
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.progress import unseen_stages
-from rans.tasks import GoToPose
 
 CONTEST = Contest(
     load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(0.25), 4, 3
@@ -30,7 +27,7 @@ EVENTS = [Event("settling"), Event(horizon=5.0)]
 
 
 @pytest.fixture
-def asked(monkeypatch: pytest.MonkeyPatch) -> list[Question]:
+def asked(monkeypatch) -> list[Question]:
     """What is searched, answered with numbers that name start and horizon."""
     questions: list[Question] = []
 
@@ -56,7 +53,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> list[Question]:
     return questions
 
 
-def test_every_start_has_a_time_and_its_horizons(asked: list[Question]) -> None:
+def test_every_start_has_a_time_and_its_horizons(asked):
     events = [Event(), Event("settling"), Event(horizon=10.0)]
     answers = list(certified_bounds(CONTEST, 2, events))
     assert [(a.start, a.event) for a in answers] == [(k, event) for k in (0, 1) for event in events]
@@ -71,7 +68,7 @@ def test_every_start_has_a_time_and_its_horizons(asked: list[Question]) -> None:
     assert len(list(certified_bounds(CONTEST, 99, [Event()]))) == 3  # no more starts than there are
 
 
-def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) -> None:
+def test_what_is_kept_comes_back_whole(asked, tmp_path):
     """Infinities too; under the number that the start has now; and each counts as progress."""
     cache = tmp_path / "bounds.json"
     ticks = []
@@ -89,7 +86,7 @@ def test_what_is_kept_comes_back_whole(asked: list[Question], tmp_path: Path) ->
 
 
 @pytest.mark.usefixtures("asked")
-def test_two_comparisons_at_once_lose_no_bounds(tmp_path: Path) -> None:
+def test_two_comparisons_at_once_lose_no_bounds(tmp_path):
     """Each reads what is kept when it begins, and adds to what is there when it has found something."""
     cache = tmp_path / "bounds.json"
     slow = certified_bounds(CONTEST, 2, [Event()], cache)
@@ -100,9 +97,7 @@ def test_two_comparisons_at_once_lose_no_bounds(tmp_path: Path) -> None:
     assert len(json.loads(cache.read_text())) == 3
 
 
-def test_other_questions_and_older_proofs_are_searched_anew(
-    asked: list[Question], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_other_questions_and_older_proofs_are_searched_anew(asked, tmp_path, monkeypatch):
     cache = tmp_path / "bounds.json"
     list(certified_bounds(CONTEST, 1, [Event()], cache))
     for other in (
@@ -119,7 +114,7 @@ def test_other_questions_and_older_proofs_are_searched_anew(
     assert len(asked) == 5
 
 
-def test_a_hull_bound_that_no_search_improved_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_hull_bound_that_no_search_improved_is_told(monkeypatch):
     """Of events whose search had too many points; the others are certified."""
     found = [Bound(0, 5.0, 1.0), Bound(0, None, 1.0, lower=2.0, kind="settling")]
     monkeypatch.setattr(transfers, "certified_bounds", lambda *_: iter(found))

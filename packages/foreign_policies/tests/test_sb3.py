@@ -52,7 +52,7 @@ def test_it_says_what_the_engine_does(craft):
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_arrays_are_what_sb3_keeps(dtype):
     env = make(dtype=dtype)
-    first: Any = env.reset()
+    first = env.reset()
     observation, reward, done, infos = env.step(np.zeros((16, 8), dtype=np.int64))
     assert [x.dtype for x in (first, observation, reward, done)] == [np.float32] * 3 + [np.bool_]  # type: ignore[union-attr]
     assert env.observation_space.contains(first[0])

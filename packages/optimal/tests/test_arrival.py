@@ -16,12 +16,10 @@ from rans_optimal.arrival import ROUNDINGS, rounded
 from rans_optimal.objectives import MinimumTime
 from rans_optimal.pool import solve_all
 
-from rans.errors import ConfigError
-from rans.model.dynamics import PlanarState, SpatialState
+from rans import TASKS, ConfigError, GoToPose
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import TASKS, GoToPose
 from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition, nearness
@@ -68,9 +66,7 @@ class Distant(GoToPose):
         (Distant(), "what Distant shows .* has no gradient at the goal"),
     ],
 )
-def test_what_cannot_be_optimised_is_said_before_any_process_starts(
-    task: GoToPose, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_cannot_be_optimised_is_said_before_any_process_starts(task, said, monkeypatch):
     monkeypatch.delattr("rans.processes.Processes")
     craft = load_spacecraft("floating-platform")
     with pytest.raises(ConfigError, match=said):
@@ -78,7 +74,7 @@ def test_what_cannot_be_optimised_is_said_before_any_process_starts(
 
 
 @given(x=st.floats(-5, 5), y=st.floats(-5, 5))
-def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
+def test_never_more_than_the_radius_too_small(x, y):
     norm, size = (float(value) for value in rounded(NORM, 0.01)(x, y))
     assert 0 <= np.hypot(x, y) - norm <= 0.01 + 1e-12
     assert 0 <= 3 * abs(x - 2 * y) - size <= 0.03 + 1e-12
@@ -86,14 +82,14 @@ def test_never_more_than_the_radius_too_small(x: float, y: float) -> None:
 
 @pytest.mark.parametrize("dimension", [2, 3])
 @pytest.mark.parametrize("name", [name for name in ANY_CRAFT if name != "multi-task"])
-def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
+def test_rewards_have_gradients_at_the_goal(name, dimension):
     """Where their norms do not; and are worth the same there."""
     task = TASKS[name](spin_weight=0.1)
-    rest: PlanarState | SpatialState = planar() if dimension == 2 else spatial()
+    rest = planar() if dimension == 2 else spatial()
     state = map_leaves(lambda _: ca.SX.sym("s"), rest)  # type: ignore[call-arg]
     commands = ca.SX.sym("u", 4)  # type: ignore[call-arg]
     u = [commands[i] for i in range(4)]
-    notes: Any = DrawnTradeOff(0.5)
+    notes = DrawnTradeOff(0.5)
     if name == "avoid":
         notes = Zones((Ball(type(rest.p)(*[9.0] * dimension), rest.v, 0.5),))
     goal = replace(rest, notes=notes)
@@ -111,7 +107,7 @@ def test_rewards_have_gradients_at_the_goal(name: str, dimension: int) -> None:
 
 
 @given(distance=st.floats(0.0, 0.2))
-def test_a_rest_has_a_gradient_at_its_edge(distance: float) -> None:
+def test_a_rest_has_a_gradient_at_its_edge(distance):
     """Half a radius early at most; the reward inside is that at the goal but for as much."""
     exact = ca.Function("near", [X], [nearness(X, 0.05, rest=0.04)])
     smooth = rounded(exact, 0.01)

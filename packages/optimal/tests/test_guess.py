@@ -9,13 +9,13 @@ import pytest
 from rans_optimal.guess import guess, rotation_vector
 from scipy.spatial.transform import Rotation
 
+from rans import GoToPose
 from rans.model.fields import Heading, Quat, leaves
 from rans.scenario import scenario
-from rans.tasks import GoToPose
 from rans.tasks.goal_set import aims
 
 
-def test_rotation_vector_of_quaternions_is_scipys() -> None:
+def test_rotation_vector_of_quaternions_is_scipys():
     rotations = Rotation.random(200, rng=np.random.default_rng(3))
     x, y, z, w = rotations.as_quat().T  # SciPy leaves the sign open, so both signs occur
     assert (w < 0).any()
@@ -29,7 +29,7 @@ POSE = aims(GoToPose())
 
 @pytest.mark.parametrize("number", [0, 1, 2, 3])
 @pytest.mark.parametrize("dimension", [2, 3])
-def test_guess_is_a_motion_from_start_to_goal(dimension: int, number: int) -> None:
+def test_guess_is_a_motion_from_start_to_goal(dimension, number):
     duration = 7.0
     count = 2000
     start = scenario(GoToPose(), dimension, 1, 4)  # type: ignore[arg-type]

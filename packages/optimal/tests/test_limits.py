@@ -1,7 +1,5 @@
 """Limits of speed, spin and zones along optimal trajectories."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from rans_optimal.limits import PathLimits
@@ -12,8 +10,8 @@ from rans_optimal.transcription import (
     Transcription,
 )
 
+from rans import Timing
 from rans.model.drift import FREE
-from rans.model.timing import Timing
 from rans.reference.flight import replay
 from tests.support.problems import (
     PLATFORM,
@@ -24,7 +22,7 @@ from tests.support.states import planar
 
 
 @pytest.mark.slow
-def test_limits_hold_between_periods_too() -> None:
+def test_limits_hold_between_periods_too():
     """Straight ahead lies a ball, and 0.4 m/s is all there may be: both hold at four instants a period."""
     limits = PathLimits(speed=0.4, keep_out=((-1.5, 0.0, 0.4),))
     objective = MinimumFuel(14.0, 0.4)

@@ -13,16 +13,14 @@ from rans_optimal.mpc import MPC, MPCSettings, shortest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from rans import GoToPose, Spacecraft, Timing
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.control.regulator import Deadband, Regulator, Weights
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -74,7 +72,7 @@ def turn_to_go(state: Any, goal: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("craft", "horizon"), [(PLATFORM, 5), (FLYER, 2)], ids=["plane", "space"])
-def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> None:
+def test_plan_is_that_of_a_generic_solver(craft, horizon):
     """Repeated until it stays, the program has found what SLSQP finds by finite differences."""
     starts = scenarios(GoToPose(spawn_distance=(0.3, 0.4)), craft, 34, 1)
     goal = starts.goal
@@ -82,7 +80,7 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     error = shortest(starts.start, goal)[:, 0]
     goals = np.tile(np.array(leaves(goal)), horizon + 1)
     nothing = np.zeros(len(craft.thrusters))
-    plan: Any = np.zeros((len(craft.thrusters), horizon))
+    plan = np.zeros((len(craft.thrusters), horizon))
     for _ in range(30):
         plan = cast(np.ndarray, program.improved(plan, error, goals, nothing))
     # full thrust along an axis costs 1: in the plane four nozzles give it, in space four along x or y
@@ -91,7 +89,7 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     begin = first(starts.start)
     end = first(goal)
 
-    def objective(flat: np.ndarray) -> float:
+    def objective(flat):
         return cost(craft, regulator, begin, end, flat.reshape(plan.shape), effort)
 
     best = minimize(
@@ -106,7 +104,7 @@ def test_plan_is_that_of_a_generic_solver(craft: Spacecraft, horizon: int) -> No
     assert ours == pytest.approx(best.fun, rel=1e-5)  # finite differences leave SLSQP about 1e-6
 
 
-def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
+def test_a_program_without_a_solution_falls_back_to_the_plan_before():
     starts = scenarios(TASK, PLATFORM, 35, 2)
     controller = MPC(PLATFORM, TASK, TIMING, settings=MPCSettings(horizon=4))
     controller.reset(2)
@@ -125,7 +123,7 @@ def test_a_program_without_a_solution_falls_back_to_the_plan_before() -> None:
     np.testing.assert_array_equal(controller._plans[..., -1], 0.0)
 
 
-def test_plans_are_the_same_whatever_the_kind_of_thrusters() -> None:
+def test_plans_are_the_same_whatever_the_kind_of_thrusters():
     """Plans take any share of full force: below the least level of a throttle its force would have no slope."""
     starts = scenarios(TASK, PLATFORM, 35, 1)
     plans = []
@@ -141,7 +139,7 @@ def test_plans_are_the_same_whatever_the_kind_of_thrusters() -> None:
         np.testing.assert_array_equal(plan, plans[0])
 
 
-def test_a_copy_by_way_of_a_file_does_the_same() -> None:
+def test_a_copy_by_way_of_a_file_does_the_same():
     """Processes get it so."""
     starts = scenarios(TASK, PLATFORM, 36, 3)
     seen = np.zeros((3, 10))
@@ -155,7 +153,7 @@ def test_a_copy_by_way_of_a_file_does_the_same() -> None:
     np.testing.assert_array_equal(pulses[0], pulses[1])
 
 
-def test_a_plan_ends_where_it_rests() -> None:
+def test_a_plan_ends_where_it_rests():
     """Who was at rest plans anew, as one does who has just begun, and not along what was left to fly."""
     starts = scenarios(TASK, PLATFORM, 36, 2)
     plans = []
@@ -169,7 +167,7 @@ def test_a_plan_ends_where_it_rests() -> None:
     np.testing.assert_array_equal(plans[0], plans[1])
 
 
-def test_nothing_is_planned_at_rest() -> None:
+def test_nothing_is_planned_at_rest():
     goal = scenarios(TASK, PLATFORM, 36, 3).goal
     controller = MPC(PLATFORM, TASK, TIMING)
     controller.reset(3)

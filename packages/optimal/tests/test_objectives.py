@@ -1,7 +1,5 @@
 """What a trajectory is optimal for: closed forms, linear algebra, the task's own return."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest
@@ -10,18 +8,16 @@ from rans_optimal.objectives import (
     MinimumEnergy,
     MinimumFuel,
     MinimumTime,
-    Objective,
 )
 
+from rans import Timing
 from rans.evaluation.fly.contestants import contestant
 from rans.flight import Flight, fly
 from rans.model.fields import map_leaves
-from rans.model.timing import Timing
 from rans.scenario import scenario, scenarios
 from rans.tasks import (
     GoToPose,
     GoToPosition,
-    Task,
     TrackTwist,
     TrackVelocity,
     TrackVelocityHeading,
@@ -36,7 +32,7 @@ from tests.support.states import planar
 from tests.support.switching import SwitchingGoToPose
 
 
-def test_least_energy_along_a_body_axis_is_a_parabola_of_speed() -> None:
+def test_least_energy_along_a_body_axis_is_a_parabola_of_speed():
     """Force falling linearly from F to -F over T: F = 6 m d / T^2, shared by four nozzles at 45 degrees
     that each give F / (4 cos 45), so energy is F^2 / 2 * T / 3 = 6 m^2 d^2 / T^3.
 
@@ -65,7 +61,7 @@ EVERY_OBJECTIVE = [
     ],
     ids=lambda x: getattr(x, "name", type(x).__name__),
 )
-def test_every_task_with_objectives(task: Task, objective: Objective) -> None:
+def test_every_task_with_objectives(task, objective):
     """Every task and every objective.
 
     Drake flies them, and they end where the task asks: exactly, in its tolerances, or near.
@@ -92,13 +88,13 @@ def test_every_task_with_objectives(task: Task, objective: Objective) -> None:
     ],
     ids=["pose", "velocity and attitude"],
 )
-def test_space_with_an_awkward_body(task: Task, objective: Objective) -> None:
+def test_space_with_an_awkward_body(task, objective):
     case = scenario(task.for_evaluation(), 3, 5, 2)
     trajectory = solved(nasty_spatial(), objective, case.start, case.goal, task)
     assert replay_error(nasty_spatial(), trajectory) < 0.02  # one Runge-Kutta step of 0.8 s
 
 
-def test_the_cost_is_the_tasks_own_return() -> None:
+def test_the_cost_is_the_tasks_own_return():
     """As evaluations sum it over a flight: no rounded corner in it, switching and thrust included."""
     task = SwitchingGoToPose(switching_weight=0.01, spin_weight=0.02).for_evaluation()
     objective = MaximumReward(10.0, 0.5)
@@ -130,7 +126,7 @@ def test_the_cost_is_the_tasks_own_return() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["go-to-pose-2d-thrifty", "go-to-pose-2d-shared"])
-def test_the_return_of_agents_that_rest_has_an_optimum(name: str) -> None:
+def test_the_return_of_agents_that_rest_has_an_optimum(name):
     """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it.
 
     From this start agents get 85 to 99 % of it. With corners rounded by 1 cm alone the thrifty one got more.

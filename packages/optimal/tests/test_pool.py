@@ -10,9 +10,9 @@ import pytest
 from rans_optimal.objectives import MinimumTime, SymbolicTrajectory
 from rans_optimal.pool import solve_all
 
+from rans import GoToPose
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose(spawn_distance=(3.0, 4.0))
@@ -27,7 +27,7 @@ class Fatal(MinimumTime):
 
 
 @pytest.mark.slow
-def test_dead_worker_is_a_status() -> None:
+def test_dead_worker_is_a_status():
     starts = scenarios(TASK, PLATFORM, 3, 4)
     (answers,) = solve_all(PLATFORM, TASK, [Fatal(10)], starts, workers=2)
     assert [a.status for a in answers] == ["Worker_Died"] * 4

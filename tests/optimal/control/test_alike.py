@@ -9,16 +9,13 @@ import numpy as np
 import pytest
 from rans_optimal.mpc import MPC
 
+from rans import LQR, TASKS, GoToPose, Timing, TrackTwist
 from rans.evaluation.measure.metrics import final_errors, settling_times
 from rans.flight import fly
 from rans.model.fields import map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.optimal.control.switching import Curve, Switching
 from rans.scenario import EVALUATION_SEED, Scenario, scenarios
-from rans.tasks import TASKS, GoToPose, TrackTwist
 from tests.support.crafts import nasty_spatial
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -49,7 +46,7 @@ def name_of(value: Any) -> str | None:
 
 
 @pytest.mark.parametrize(("kind", "name", "craft"), SETTLING, ids=name_of)
-def test_settles_from_every_start(kind: Any, name: str, craft: Spacecraft) -> None:
+def test_settles_from_every_start(kind, name, craft):
     timing = Timing(episode_steps=STEPS[kind] + 65 * (craft is SHARED))
     task = TASKS[name]().for_evaluation()
     controller = kind(craft, task, timing)
@@ -62,7 +59,7 @@ def test_settles_from_every_start(kind: Any, name: str, craft: Spacecraft) -> No
 
 
 @pytest.mark.parametrize("kind", [LQR, MPC, Switching], ids=name_of)
-def test_a_batch_is_its_flights(kind: Any) -> None:
+def test_a_batch_is_its_flights(kind):
     timing = Timing(episode_steps=20)
     starts = scenarios(TASK, PLATFORM, 23, 3)
     together = fly(PLATFORM, TASK, kind(PLATFORM, TASK, timing), starts, timing).commands
@@ -84,7 +81,7 @@ def test_a_batch_is_its_flights(kind: Any) -> None:
     ],
     ids=["LQR to a pose", "LQR to a twist", "switching"],
 )
-def test_brings_an_awkward_spacecraft_home(kind: Any, task: Any, settings: Any) -> None:
+def test_brings_an_awkward_spacecraft_home(kind, task, settings):
     """An off-centre body with three different moments of inertia and unequal thrusters."""
     craft = nasty_spatial()
     timing = Timing(episode_steps=150)

@@ -12,10 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import nnls
 
-from rans.errors import ConfigError
+from rans import ConfigError, Spacecraft
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.dynamics import thrust
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.allocation import Allocation, Rounding
 from tests.support.crafts import nasty_planar, nasty_spatial
@@ -37,7 +36,7 @@ def wrenches(craft: Spacecraft, size: float, count: int) -> np.ndarray:
 
 
 @by_name
-def test_commands_are_the_smallest(craft: Spacecraft) -> None:
+def test_commands_are_the_smallest(craft):
     """Least squares with a price of 1e-4 on the commands finds the smallest to about 1e-4 of it."""
     columns = np.array(craft.wrench_map).T
     size = np.abs(columns).max(axis=1, keepdims=True)
@@ -52,7 +51,7 @@ def test_commands_are_the_smallest(craft: Spacecraft) -> None:
 
 @by_name
 @pytest.mark.parametrize("sharing", ["none", "split"])
-def test_out_of_reach_keeps_the_direction(craft: Spacecraft, sharing: str) -> None:
+def test_out_of_reach_keeps_the_direction(craft, sharing):
     allocation = Allocation(replace(craft, thrust_sharing=sharing))  # type: ignore[arg-type]
     wanted = wrenches(craft, 50.0, 50)
     command = allocation.commands(wanted)
@@ -63,7 +62,7 @@ def test_out_of_reach_keeps_the_direction(craft: Spacecraft, sharing: str) -> No
     np.testing.assert_allclose(given_ * allocation.load(wanted)[:, None], wanted, atol=1e-7)
 
 
-def test_uncontrollable_spacecraft_is_refused() -> None:
+def test_uncontrollable_spacecraft_is_refused():
     platform = load_spacecraft("floating-platform")
     with pytest.warns(UserWarning, match="cannot push and turn"):
         lame = Spacecraft("lame", 2, platform.mass, platform.inertia, platform.thrusters[:2])
@@ -71,7 +70,7 @@ def test_uncontrollable_spacecraft_is_refused() -> None:
         Allocation(lame)
 
 
-def test_a_thruster_in_other_units_is_refused_by_name() -> None:
+def test_a_thruster_in_other_units_is_refused_by_name():
     """The other seven steer; with it their wrenches are lost to rounding. At 1e5 N there is enough left."""
     platform = load_spacecraft("floating-platform")
     first, *others = platform.thrusters
@@ -90,7 +89,7 @@ def test_a_thruster_in_other_units_is_refused_by_name() -> None:
 @by_name
 @settings(max_examples=3)
 @given(seed=st.integers(0, 2**32 - 1), load=st.floats(0.0, 1.0))
-def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -> None:
+def test_rounding_keeps_the_impulse(craft, seed, load):
     """However long it runs, what is given differs from what was wanted by a few pulses.
 
     Rounding that forgets would be wrong by up to half a pulse per thruster and period: by tens to
@@ -106,7 +105,7 @@ def test_rounding_keeps_the_impulse(craft: Spacecraft, seed: int, load: float) -
     assert (np.abs(owed) <= 4.0 * np.abs(columns).max(axis=0)).all()
 
 
-def test_shared_thrust_opens_pairs_that_do_not_turn() -> None:
+def test_shared_thrust_opens_pairs_that_do_not_turn():
     """1 N along a diagonal: two nozzles on opposite sides share it, and their torques cancel."""
     craft = replace(CRAFTS[0], thrust_sharing="split")
     modulator = Rounding(craft, 0.2)
@@ -121,7 +120,7 @@ def test_shared_thrust_opens_pairs_that_do_not_turn() -> None:
 
 @by_name
 @pytest.mark.parametrize("sharing", ["none", "split"])
-def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: str) -> None:
+def test_no_change_of_two_thrusters_would_be_closer(craft, sharing):
     """Measured with the engines' own thrust sharing and kinetic energy, one pattern at a time."""
     craft = replace(craft, thrust_sharing=sharing)  # type: ignore[arg-type]
     wanted = wrenches(craft, 0.3, 5)
@@ -130,7 +129,7 @@ def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: 
     inertia = np.array(craft.inertia)[-1:, -1:] if craft.dimension == 2 else np.array(craft.inertia)
     reachable = wanted / np.maximum(Allocation(craft).load(wanted), 1.0)[:, None]
 
-    def energy(pulse: np.ndarray, aim: np.ndarray) -> float:
+    def energy(pulse, aim):
         given_ = np.array(thrust(craft, tuple(pulse))) @ np.array(craft.wrench_map)
         force, torque = np.split(aim - given_, [craft.dimension])
         return float(force @ force / craft.mass + torque @ np.linalg.solve(inertia, torque))
@@ -144,7 +143,7 @@ def test_no_change_of_two_thrusters_would_be_closer(craft: Spacecraft, sharing: 
 
 
 @pytest.mark.parametrize("craft", CRAFTS[:2], ids=lambda craft: craft.name)
-def test_no_two_open_thrusters_cancel(craft: Spacecraft) -> None:
+def test_no_two_open_thrusters_cancel(craft):
     """Both crafts are made of opposed pairs, so patterns tie; impulse that does nothing must not be spent."""
     modulator = Rounding(craft, 0.2)
     modulator.reset(64)
@@ -158,7 +157,7 @@ def test_no_two_open_thrusters_cancel(craft: Spacecraft) -> None:
             assert not (opened[:, i] * opened[:, j]).any()
 
 
-def test_rest_opens_nothing_and_forgets() -> None:
+def test_rest_opens_nothing_and_forgets():
     craft = CRAFTS[0]
     modulator = Rounding(CRAFTS[0], 0.2)
     modulator.reset(2)
@@ -168,7 +167,7 @@ def test_rest_opens_nothing_and_forgets() -> None:
     assert np.array_equal(pulses, [[0.0, 1.0], [0.0, 0.0]])
 
 
-def test_what_is_not_carried_is_forgotten_within_reach_only() -> None:
+def test_what_is_not_carried_is_forgotten_within_reach_only():
     """Half a nozzle's thrust opens nothing; more than there is opens in its direction on average."""
     craft = CRAFTS[0]
     modulator = Rounding(CRAFTS[0], 0.2, np.zeros(3, bool))
@@ -181,7 +180,7 @@ def test_what_is_not_carried_is_forgotten_within_reach_only() -> None:
     assert cosine > 0.999  # 100 pulses, off by a few
 
 
-def test_what_saturates_is_carried_whatever_else_is_not() -> None:
+def test_what_saturates_is_carried_whatever_else_is_not():
     """1.5 times what there is, in a direction that no pattern has: the impulse of all there is, to 2 pulses.
     Forgetting would repeat one pattern and be off by its error a hundred times."""
     craft = CRAFTS[0]
@@ -194,7 +193,7 @@ def test_what_saturates_is_carried_whatever_else_is_not() -> None:
 
 
 @pytest.mark.parametrize("craft", [nasty_planar(), nasty_spatial()], ids=lambda craft: craft.name)
-def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
+def test_authority_is_there_in_both_senses(craft):
     """Along the weakest axis and sense it is all there is; along no other more is asked for than there is."""
     allocation = Allocation(craft)
     size = craft.degrees_of_freedom
@@ -211,7 +210,7 @@ def test_authority_is_there_in_both_senses(craft: Spacecraft) -> None:
         assert loads.min() < 0.99  # they differ, so that the weakest shows
 
 
-def test_throttled_thrusters_give_the_wanted_wrench_and_owe_nothing() -> None:
+def test_throttled_thrusters_give_the_wanted_wrench_and_owe_nothing():
     craft = replace(CRAFTS[0], actuators=Throttle())
     proportional = Rounding(craft, 0.2)
     proportional.reset(3)
@@ -225,7 +224,7 @@ def test_throttled_thrusters_give_the_wanted_wrench_and_owe_nothing() -> None:
     assert not proportional.round(wanted, np.array([True] * 3)).any()
 
 
-def test_what_pulses_round_off_is_given_later() -> None:
+def test_what_pulses_round_off_is_given_later():
     """Of pulses in tenths of a period, of two at least, a force of 0.05 N needs one in some periods only: its
     mean over 200 periods is off by less than a pulse."""
     craft = replace(CRAFTS[0], actuators=Pulsed(10, 2))

@@ -8,15 +8,12 @@ from typing import Any
 import pytest
 from rans_optimal.mpc import MPC
 
+from rans import LQR, GoToPosition, Timing
 from rans.flight import fly
 from rans.model.actuators import Throttle
 from rans.model.fields import Vec2
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.scenario import scenarios
-from rans.tasks import GoToPosition
 from tests.support.crafts import deputy
 
 THROTTLED = replace(load_spacecraft("floating-platform"), actuators=Throttle())
@@ -63,7 +60,7 @@ class Around(GoToPosition):
     [(deputy(), Slow().for_evaluation(), 0.5), (THROTTLED, Around(), 0.2)],
     ids=["speed", "ball"],
 )
-def test_the_mpc_keeps_margins_and_arrives(craft: Spacecraft, task: Any, period: float) -> None:
+def test_the_mpc_keeps_margins_and_arrives(craft, task, period):
     """Up to what linearising costs: a millimetre, or a millimetre a second, where nothing turns much."""
     timing = Timing(control_period=period, episode_steps=100)
     starts = scenarios(task, craft, 11, 2)
@@ -78,6 +75,6 @@ def test_the_mpc_keeps_margins_and_arrives(craft: Spacecraft, task: Any, period:
     assert without.min() < -0.05
 
 
-def test_no_constraint_changes_nothing(recwarn: pytest.WarningsRecorder) -> None:
+def test_no_constraint_changes_nothing(recwarn):
     LQR(THROTTLED, GoToPosition(), TIMING)
     assert not recwarn.list

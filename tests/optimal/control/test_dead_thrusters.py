@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import rans
+from rans import Conditions, FaultConditions, GoToPose
 from rans.episode import Setup
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
@@ -17,8 +18,6 @@ from rans.evaluation.measure.metrics import settling_times
 from rans.model.spacecraft import is_steerable
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.allocation import Allocation, Rounding
-from rans.randomization.conditions import Conditions, FaultConditions
-from rans.tasks import GoToPose
 
 DEAD = Conditions(faults=FaultConditions(thrusters=(3,), kinds=("dead",)))
 """Thruster 3 gives nothing from the start."""
@@ -32,7 +31,7 @@ def setup_of(craft: str, conditions: Conditions | None = DEAD) -> Setup:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["lqr", "switching"])
-def test_settles_without_a_dead_thruster(name: str) -> None:
+def test_settles_without_a_dead_thruster(name):
     """Made by name it knows; made for nominal conditions it asks for a thruster that is not there."""
     setup = setup_of("floating-platform")
     knows = controller(name, setup)
@@ -47,7 +46,7 @@ def test_settles_without_a_dead_thruster(name: str) -> None:
     assert blind.commands[:, :, 3].any()
 
 
-def test_a_dead_thruster_is_known_only_where_it_always_is_dead() -> None:
+def test_a_dead_thruster_is_known_only_where_it_always_is_dead():
     setup = setup_of("floating-platform")
     knows: Any = controller("lqr", setup)
     assert repr(knows).endswith("without thrusters 3")
@@ -58,13 +57,13 @@ def test_a_dead_thruster_is_known_only_where_it_always_is_dead() -> None:
     assert repr(moved).endswith("without thrusters 5")
 
 
-def test_flies_on_where_the_others_do_not_suffice() -> None:
+def test_flies_on_where_the_others_do_not_suffice():
     """SPHERES can lose none of its thrusters."""
     setup = setup_of("spheres")
     assert type(controller("lqr", setup)) is rans.LQR
 
 
-def test_wheels_carry_the_torque_of_an_incomplete_layout() -> None:
+def test_wheels_carry_the_torque_of_an_incomplete_layout():
     """Without one nozzle this CubeSat pushes along some axes only with a torque, which its wheels balance."""
     whole = load_spacecraft("cubesat-3u")
     with warnings.catch_warnings(action="ignore"):

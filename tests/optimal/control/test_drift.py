@@ -9,18 +9,15 @@ import numpy as np
 import pytest
 from rans_optimal.mpc import MPC, shortest
 
+from rans import LQR, Switching, Timing
 from rans.episode import Setup, World, step
 from rans.flight import fly
 from rans.model.coordinates import around
 from rans.model.drift import FREE, ClohessyWiltshire, Drift, step_goal
 from rans.model.fields import leaves, map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
-from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
-from rans.tasks import GoToPosition, Task
+from rans.tasks import GoToPosition
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -59,7 +56,7 @@ class Chase(Place):
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=lambda craft: craft.name)
 @pytest.mark.parametrize("chased", [False, True])
-def test_the_mpcs_prediction_is_the_engines_step(craft: Spacecraft, chased: bool) -> None:
+def test_the_mpcs_prediction_is_the_engines_step(craft, chased):
     """In float64, of a goal that stands still and of one that drifts; in space the engine steps more finely."""
     task = (Chase if chased else Place)(pulled=ORBIT, aside=(2.0, -1.0, 0.5))
     timing = Timing(substeps=1)
@@ -85,9 +82,9 @@ def test_the_mpcs_prediction_is_the_engines_step(craft: Spacecraft, chased: bool
 
 
 @pytest.mark.parametrize("kind", [LQR, Switching, MPC], ids=lambda kind: kind.name)
-def test_a_goal_that_drifts_is_followed(kind: Any) -> None:
+def test_a_goal_that_drifts_is_followed(kind):
     """It goes round a moving ellipse of the orbit, up to 0.2 m/s fast."""
-    task: Task = Chase(pulled=ORBIT, aside=(1.0, 0.0, 0.0), spawn_distance=(2.0, 3.0))
+    task = Chase(pulled=ORBIT, aside=(1.0, 0.0, 0.0), spawn_distance=(2.0, 3.0))
     timing = Timing(episode_steps=60)
     starts = scenarios(task, PLATFORM, 7, 2)
     flight = fly(PLATFORM, task, kind(PLATFORM, task, timing), starts, timing)

@@ -1,7 +1,5 @@
 """Linear motion between controls against the exponential of its equations."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.linalg import expm
@@ -17,7 +15,7 @@ SLOPE = UniformGravity((0.05, -0.08))
 
 
 @pytest.mark.parametrize("time", [0.2, 30.0])
-def test_linear_motion_is_the_exponential_of_the_equations(time: float) -> None:
+def test_linear_motion_is_the_exponential_of_the_equations(time):
     """Van Loan's matrix gives the effect of a constant acceleration as well."""
     joined = np.zeros((9, 9))
     joined[:6, :6] = orbit(0.05)
@@ -29,7 +27,7 @@ def test_linear_motion_is_the_exponential_of_the_equations(time: float) -> None:
     np.testing.assert_array_equal(found.offset, 0.0)
 
 
-def test_gravity_is_an_offset() -> None:
+def test_gravity_is_an_offset():
     found = LinearMotion.of(SLOPE, 2, 2.0)
     np.testing.assert_allclose(found.offset, [0.1, -0.16, 0.1, -0.16], atol=1e-15)
     np.testing.assert_allclose(found.matrix, LinearMotion.of(FREE, 2, 2.0).matrix, atol=1e-15)

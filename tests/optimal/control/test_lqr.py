@@ -10,20 +10,18 @@ import numpy as np
 import pytest
 from rans_missions.tasks import Hold
 
+from rans import LQR, TASKS, GoToPose, Timing
 from rans.flight import fly
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
-from rans.optimal.control.lqr import LQR
 from rans.optimal.control.regulator import distance_scale
 from rans.scenario import scenarios
-from rans.tasks import TASKS, GoToPose
 
 TASK = GoToPose().for_evaluation()
 
 
-def test_free_attitude_is_not_turned() -> None:
+def test_free_attitude_is_not_turned():
     """Going to a position asks for no attitude: from rest no torque is wanted."""
     craft = load_spacecraft("free-flyer")
     task = TASKS["go-to-position"]()
@@ -33,7 +31,7 @@ def test_free_attitude_is_not_turned() -> None:
     np.testing.assert_array_less(0.1, np.linalg.norm(wrench[:, :3], axis=1))
 
 
-def test_wrench_by_hand() -> None:
+def test_wrench_by_hand():
     """Heading 90 degrees, 1 m short along W's x: the force points along B's -y."""
     craft = load_spacecraft("floating-platform")
     zero = np.zeros(1)
@@ -50,13 +48,13 @@ def batch(state: PlanarState) -> Any:
     return map_leaves(lambda x: np.array([x]), state)
 
 
-def test_near_starts_keep_the_weights() -> None:
+def test_near_starts_keep_the_weights():
     assert distance_scale(GoToPose(), load_spacecraft("floating-platform")) == 1.0
     assert distance_scale(GoToPose(), load_spacecraft("free-flyer")) == 1.0
 
 
 @pytest.mark.slow
-def test_the_lqr_spends_little_more_than_a_dash_from_afar() -> None:
+def test_the_lqr_spends_little_more_than_a_dash_from_afar():
     """A dash along each axis speeds up half of the way and brakes the other: 2 m sqrt(a d)."""
     task = Hold()
     craft = load_spacecraft("vbar-chaser")

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rans import GoToPose, GoToPosition, Timing, TrackVelocityHeading
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.control.allocation import Allocation
 from rans.optimal.control.linear_motion import LinearMotion
 from rans.optimal.control.regulator import Deadband, Gains, Regulator, Weights
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, GoToPosition, TrackVelocityHeading
 
 PERIOD = 0.2
 PUSH = 0.5
@@ -47,7 +46,7 @@ def least_squares(axis: Gains, start: np.ndarray, steps: int = 400) -> tuple[flo
 
 
 @pytest.mark.parametrize("axis", [axis_of(0.6), axis_of(None)], ids=["held", "free"])
-def test_gain_and_cost_to_go_are_optimal(axis: Gains) -> None:
+def test_gain_and_cost_to_go_are_optimal(axis):
     """What is left after 80 s, over ten times the slowest time constant, is below rounding."""
     for start in np.array([[1.0, 0.0], [0.0, 1.0], [0.7, -0.4]]):
         acceleration, cost = least_squares(axis, start)
@@ -55,7 +54,7 @@ def test_gain_and_cost_to_go_are_optimal(axis: Gains) -> None:
         assert cost == pytest.approx(start @ axis.cost_to_go @ start, rel=1e-8, abs=1e-10)
 
 
-def test_the_regulator_reckons_with_the_axis_that_is_hardest_to_turn() -> None:
+def test_the_regulator_reckons_with_the_axis_that_is_hardest_to_turn():
     """Of moments 0.2, 0.4 and 0.25 kg m^2 with the middle one, and with full thrust over the mass, 4 kg."""
     moments = ((0.2, 0.0, 0.0), (0.0, 0.4, 0.0), (0.0, 0.0, 0.25))
     craft = replace(load_spacecraft("free-flyer"), mass=4.0, inertia=moments)
@@ -71,7 +70,7 @@ def test_the_regulator_reckons_with_the_axis_that_is_hardest_to_turn() -> None:
     )
 
 
-def test_tasks_hold_what_they_have_a_tolerance_for() -> None:
+def test_tasks_hold_what_they_have_a_tolerance_for():
     held = {
         task: Regulator.of(PLATFORM, task, Timing(), Weights()).carried(PLATFORM).tolist()
         for task in (GoToPose(), GoToPosition(), TrackVelocityHeading())
@@ -89,7 +88,7 @@ def test_tasks_hold_what_they_have_a_tolerance_for() -> None:
         (-0.03, 0.08, True),  # through the goal, to 3.4 cm
     ],
 )
-def test_rests_while_a_coast_stays_inside(distance: float, speed: float, rests: bool) -> None:
+def test_rests_while_a_coast_stays_inside(distance, speed, rests):
     task = GoToPose()
     starts = scenarios(task, PLATFORM, 3, 2)
     goal = starts.goal
@@ -100,7 +99,7 @@ def test_rests_while_a_coast_stays_inside(distance: float, speed: float, rests: 
     assert not Deadband(share=0.0).holds(PLATFORM, task, state, goal).any()
 
 
-def test_does_not_rest_while_spinning() -> None:
+def test_does_not_rest_while_spinning():
     task = GoToPosition()  # has no tolerance for it
     goal = scenarios(task, PLATFORM, 3, 1).goal
     spinning = replace(goal, w=np.array([0.15]))

@@ -12,17 +12,15 @@ import pytest
 from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
+from rans import TASKS, GoToPose, Timing
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.control.allocation import ThrusterPatterns
 from rans.optimal.control.switching import Curve, Switching, time_to_rest
 from rans.scenario import Scenario, scenarios
-from rans.tasks import TASKS, GoToPose
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -49,14 +47,14 @@ def searched(x: float, v: float, most: float) -> float:
     return min(times)
 
 
-def test_least_time_on_a_line() -> None:
+def test_least_time_on_a_line():
     random = np.random.default_rng(0)
     for x, v, most in random.uniform((-5.0, -2.0, 0.1), (5.0, 2.0, 3.0), (200, 3)):
         ours = time_to_rest(np.array([x]), np.array([v]), most)
         assert ours == pytest.approx(searched(x, v, most), abs=1e-9)  # its roots are 1e-13 s off
 
 
-def test_least_time_by_hand() -> None:
+def test_least_time_by_hand():
     """1 m from rest at 1 m/s^2: 1 s of thrust, 1 s of braking. Resting anywhere: v / a. Both add as roots."""
     # across, at 1 m/s
     x = np.array([3.0, 4.0]) / 5.0
@@ -68,14 +66,14 @@ def test_least_time_by_hand() -> None:
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, SHARED], ids=lambda craft: craft.name)
-def test_no_neighbour_of_the_pattern_is_better(craft: Spacecraft) -> None:
+def test_no_neighbour_of_the_pattern_is_better(craft):
     """Of all 256 patterns, those that differ in at most two thrusters; and the best of all is found often."""
     patterns = ThrusterPatterns(craft)
     random = np.random.default_rng(1)
     wanted = random.normal(size=(40, 3)) * (1.0, 1.0, 0.3)
     every = np.array(list(product([False, True], repeat=8)))
 
-    def cost(which: np.ndarray, candidates: np.ndarray) -> np.ndarray:
+    def cost(which, candidates):
         return np.abs(wanted[which][:, None] - patterns.wrench(candidates)).sum(axis=2)
 
     found = patterns.best(np.zeros((40, 8), bool), cost, np.arange(40) < 39)
@@ -100,7 +98,7 @@ def command(state: PlanarState, **settings: float) -> np.ndarray:
     return controller.act(state, planar(0.0, 0.0, 0.0, 0.0), np.zeros((1, 0)))[0]
 
 
-def test_switches_where_braking_must_begin() -> None:
+def test_switches_where_braking_must_begin():
     """Four of 1 N at 45 degrees push with 2.83 N: at 0.3 m/s and 75 % of it 0.11 m before the goal."""
     push = np.array(PLATFORM.wrench_map)[:, 0]
     brake = 0.3**2 / (2.0 * 0.75 * math.sqrt(8.0) / PLATFORM.mass)
@@ -108,7 +106,7 @@ def test_switches_where_braking_must_begin() -> None:
         assert np.sign(command(planar(-distance, 0.0, 0.3, 0.0)) @ push) == sense
 
 
-def test_coasts_where_thrust_is_dear_and_rests_in_the_dead_band() -> None:
+def test_coasts_where_thrust_is_dear_and_rests_in_the_dead_band():
     far = planar(-2.0, 0.0, 0.3, 0.0)
     assert command(far).any()
     assert not command(far, thrust_time_weight=30.0).any()
@@ -116,7 +114,7 @@ def test_coasts_where_thrust_is_dear_and_rests_in_the_dead_band() -> None:
     assert command(planar(0.2, 0.03, 0.0, 0.0)).any()
 
 
-def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same() -> None:
+def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same():
     """Its accelerations are the same, so nothing but the numbers of N and kg differs; 2^11 rounds nothing."""
     much = 2.0**11
     thrusters = tuple(replace(one, force=much * one.force) for one in PLATFORM.thrusters)
@@ -132,7 +130,7 @@ def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same() -> None
     assert np.array_equal(small, same)
 
 
-def test_does_not_wait_for_ever_where_pulses_are_long() -> None:
+def test_does_not_wait_for_ever_where_pulses_are_long():
     """0.109 rad from the goal, where turning and stopping with two thrusters goes 0.012 rad too far."""
     task = TASKS["track-velocity-heading"]()
     turn = Rotation.from_rotvec([0.05, 0.06, 0.075]).as_quat()

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 
 import rans
 from campaigns.craft import flown
+from rans import GoToPose, Spacecraft, Timing
 from rans.effectors.motion import held
 from rans.evaluation.measure.metrics import settling_times
 from rans.flight import fly
@@ -17,12 +17,9 @@ from rans.model.actuators import Throttle, Wheel
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState
 from rans.model.fields import Heading, Quat, Vec2, Vec3
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.optimal.control.allocation import Allocation, Rounding
 from rans.optimal.control.wheel_torques import WheelTorques
 from rans.scenario import scenarios
-from rans.tasks import GoToPose
 from tests.support.effector_crafts import BURNING, CUBESAT, UNEVEN, platform
 
 PERIOD = 0.1
@@ -49,7 +46,7 @@ def split(craft: Spacecraft, wrench: list[float], *momenta: float) -> np.ndarray
         (0.7, 0.0, -1.0),
     ],
 )
-def test_split_by_hand(momentum: float, torque: float, wheel: float) -> None:
+def test_split_by_hand(momentum, torque, wheel):
     """The torque on the craft is minus that of the motor; four thrusters of 0.31 N m turn it either way."""
     commands = split(THROTTLED, [0.0, 0.0, torque], momentum)
     assert commands[-1] == pytest.approx(wheel, abs=1e-9)
@@ -60,7 +57,7 @@ def test_split_by_hand(momentum: float, torque: float, wheel: float) -> None:
     assert np.sort(opened)[:4] == pytest.approx(np.zeros(4), abs=1e-8)
 
 
-def test_wheels_make_up_for_pulses() -> None:
+def test_wheels_make_up_for_pulses():
     """On/off thrusters turn by pulses of 0.31 N m and more; over a second wheel and pulses give 0.15 N m."""
     craft = replace(THROTTLED, actuators=platform().actuators)
     ours = Rounding(craft, PERIOD)
@@ -78,7 +75,7 @@ def test_wheels_make_up_for_pulses() -> None:
 
 
 @pytest.mark.parametrize("craft", [THROTTLED, CUBESAT, UNEVEN], ids=lambda craft: craft.name)
-def test_engine_turns_as_the_allocation_says(craft: Spacecraft) -> None:
+def test_engine_turns_as_the_allocation_says(craft):
     """From rest, a torque for 0.1 s gives I^-1 torque x 0.1 s; the engine has no map of wheels."""
     flat = craft.dimension == 2
     torque = np.array([0.05]) if flat else np.array([0.004, -0.003, 0.002])
@@ -86,7 +83,7 @@ def test_engine_turns_as_the_allocation_says(craft: Spacecraft) -> None:
     commands = split(craft, wrench, *np.zeros(len(craft.wheels)))
     zero = np.zeros(1)
     stores = tuple(zero for _ in craft.wheels)
-    start: Any = (
+    start = (
         PlanarState(Vec2(zero, zero), Heading(zero), Vec2(zero, zero), zero, stores=stores)
         if flat
         else SpatialState(
@@ -108,7 +105,7 @@ def test_engine_turns_as_the_allocation_says(craft: Spacecraft) -> None:
     )
 
 
-def test_other_wheels_make_up_for_a_full_one() -> None:
+def test_other_wheels_make_up_for_a_full_one():
     """Four wheels in a pyramid: with one at its limit the other three still give the torque."""
     a, b = np.sqrt([2.0 / 3.0, 1.0 / 3.0])
     axes = [(a, 0.0, b), (-a, 0.0, b), (0.0, a, b), (0.0, -a, b)]
@@ -124,7 +121,7 @@ def test_other_wheels_make_up_for_a_full_one() -> None:
     np.testing.assert_allclose(commands @ wheels.map, torque, atol=1e-12)
 
 
-def test_authority_counts_wheels() -> None:
+def test_authority_counts_wheels():
     """Of the platform 4 x 0.31 N m of thrusters and 0.1 N m of the wheel; of the CubeSat wheels alone about z."""
     plain = platform(actuators=Throttle())
     force, torque = Allocation(plain).authority()
@@ -141,7 +138,7 @@ def test_authority_counts_wheels() -> None:
 @pytest.mark.parametrize(
     ("name", "kind"), [("roboran-platform", rans.Switching), ("afrl-12kg", rans.LQR)]
 )
-def test_real_craft_settle(name: str, kind: Any) -> None:
+def test_real_craft_settle(name, kind):
     """Without domain randomization; and no wheel exceeds its limit, or 80 % where thrusters unload it."""
     run = flown(name)
     task = run.task.for_evaluation()
@@ -158,7 +155,7 @@ def test_real_craft_settle(name: str, kind: Any) -> None:
 
 
 @pytest.mark.parametrize("kind", [rans.LQR, pytest.param(rans.Switching, marks=pytest.mark.slow)])
-def test_propellant_makes_the_craft_lighter(kind: Any) -> None:
+def test_propellant_makes_the_craft_lighter(kind):
     """Half of 2 of 5.32 kg is left, so that forces are 4.32 / 5.32 of those of the full craft; flights settle."""
     task = GoToPose().for_evaluation()
     starts = scenarios(task, BURNING, 5, 2)

@@ -1,23 +1,23 @@
 """Craft whose thrusters all act through the centre of mass: they are pushed, and never turned."""
 
-from __future__ import annotations
-
-from typing import Any
-
 import numpy as np
 import pytest
 from rans_optimal.mpc import MPC
 
-from rans.errors import ConfigError
+from rans import (
+    LQR,
+    ConfigError,
+    GoToPose,
+    GoToPosition,
+    Switching,
+    Timing,
+    TrackTwist,
+    TrackVelocity,
+)
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.flight import fly
-from rans.model.spacecraft import Spacecraft
-from rans.model.timing import Timing
 from rans.optimal.control.allocation import Allocation
-from rans.optimal.control.lqr import LQR
-from rans.optimal.control.switching import Switching
 from rans.scenario import scenarios
-from rans.tasks import GoToPose, GoToPosition, TrackTwist, TrackVelocity
 from tests.support.crafts import deputy, point
 
 KINDS = (LQR, MPC, Switching)
@@ -28,7 +28,7 @@ every_craft = pytest.mark.parametrize("craft", CRAFTS.values(), ids=CRAFTS)
 
 
 @every_craft
-def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
+def test_forces_are_met_and_torques_ignored(craft):
     wanted = np.random.default_rng(0).normal(size=(20, craft.degrees_of_freedom)) * 0.1
     commands = Allocation(craft).commands(wanted)
     given = commands @ np.array(craft.wrench_map)
@@ -43,7 +43,7 @@ def test_forces_are_met_and_torques_ignored(craft: Spacecraft) -> None:
     [(LQR, 0), (MPC, 1), (Switching, 0)],
     ids=lambda x: getattr(x, "name", ("place", "velocity")[x] if isinstance(x, int) else None),
 )
-def test_every_controller_settles(kind: Any, number: int) -> None:
+def test_every_controller_settles(kind, number):
     """The position with one craft, the velocity with the other.
 
     3 to 4 m with 0.083 and 0.22 m/s^2: at least 2 sqrt(4 / 0.083) = 14 s. Pulses of the point are 0.04 m/s,
@@ -62,6 +62,6 @@ def test_every_controller_settles(kind: Any, number: int) -> None:
 
 @every_kind
 @pytest.mark.parametrize("task", [GoToPose(), TrackTwist()], ids=["attitude", "spin"])
-def test_what_cannot_turn_is_not_asked_to(kind: Any, task: Any) -> None:
+def test_what_cannot_turn_is_not_asked_to(kind, task):
     with pytest.raises(ConfigError, match=r"asks for .*spin, and spacecraft 'point' cannot turn"):
         kind(point(), task, Timing())

@@ -1,7 +1,5 @@
 """Passively safe approach of a hold point: certified coasts of its flights, and a stay far past the end."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np
@@ -25,7 +23,7 @@ PLACES = np.array([[-172.0, 46.0, 1.0], [-92.0, -238.0, -35.0], [5.0, 30.0, 180.
 
 
 @pytest.mark.slow
-def test_every_coast_keeps_out_and_the_craft_holds() -> None:
+def test_every_coast_keeps_out_and_the_craft_holds():
     starts = scenarios(TASK, CHASER, 1, 3)
     starts = replace(starts, start=replace(starts.start, p=Vec3(*PLACES.T)))
     flight = fly(CHASER, TASK, PassiveApproach(CHASER, TASK), starts, TASK.timing)

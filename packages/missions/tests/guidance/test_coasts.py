@@ -29,10 +29,10 @@ def coasts(*limits: Any, drift: Any = FREE, kind: Any = SingleImpulse) -> Any:
     return kind(MISSION, drift, limits)
 
 
-def test_in_an_orbit_it_is_that_of_a_fine_search() -> None:
+def test_in_an_orbit_it_is_that_of_a_fine_search():
     """The line through the nearest of seven points misses the arc by less than 1 m of 100 m."""
     drift = ClohessyWiltshire(0.0011)
-    state: Any = SimpleNamespace(p=vector(30.0, -200.0, 10.0), v=vector(0.1, 0.2, 0.0))
+    state = SimpleNamespace(p=vector(30.0, -200.0, 10.0), v=vector(0.1, 0.2, 0.0))
     ball = Ball(Vec3(0.0, -100.0, 0.0), REST, 10.0)
     nearest, _ = coasts(drift=drift).nearest(ball, state, state.v, np.array([1500.0]))
     times = np.linspace(0.0, 1500.0, 20_001)
@@ -41,9 +41,9 @@ def test_in_an_orbit_it_is_that_of_a_fine_search() -> None:
     assert finest <= nearest.norm()[0] < finest + 1.0
 
 
-def test_a_velocity_goes_around_a_ball() -> None:
+def test_a_velocity_goes_around_a_ball():
     """The foot of the perpendicular, 3 m beside the centre, is moved to 12 m: by 9 m in 50 s."""
-    state: Any = SimpleNamespace(p=vector(-50.0, 3.0, 0.0), v=vector(1.0, 0.0, 0.0))
+    state = SimpleNamespace(p=vector(-50.0, 3.0, 0.0), v=vector(1.0, 0.0, 0.0))
     ball = Ball(REST, REST, 10.0)
     around = coasts(ball).within(state, state.v, np.array([120.0]))
     assert [x[0] for x in around.columns()] == pytest.approx([1.0, 9.0 / 50.0, 0.0], abs=1e-9)
@@ -55,9 +55,9 @@ def test_a_velocity_goes_around_a_ball() -> None:
     assert coasts(far).within(state, state.v, np.array([120.0])).y[0] == 0.0
 
 
-def test_a_velocity_stays_below_the_limit_by_its_reserve() -> None:
+def test_a_velocity_stays_below_the_limit_by_its_reserve():
     """0.2 + 0.01 * 50 m/s are allowed 50 m away, less a tenth; a length of zero counts 1 nm/s."""
-    state: Any = SimpleNamespace(p=vector(-50.0, 0.0, 0.0), v=vector(1.0, 0.0, 0.0))
+    state = SimpleNamespace(p=vector(-50.0, 0.0, 0.0), v=vector(1.0, 0.0, 0.0))
     limit = SpeedLimit(REST, 0.2, 0.01)
     slower = coasts(limit).within(state, vector(3.0, 4.0, 0.0), np.array([120.0]))
     assert [x[0] for x in slower.columns()] == pytest.approx([0.378, 0.504, 0.0], rel=1e-8)

@@ -53,14 +53,12 @@ def flown(
 
 
 @pytest.mark.parametrize(("left", "waits"), [(1700.0, True), (1400.0, False)])
-def test_the_burn_across_the_plane_waits_for_a_quarter_of_an_orbit(
-    left: float, waits: bool
-) -> None:
+def test_the_burn_across_the_plane_waits_for_a_quarter_of_an_orbit(left, waits):
     """A quarter is 1,530 s. In the plane the burn is that of the Clohessy-Wiltshire matrix, written out here."""
     law = guidance(SingleImpulse, velocity_tolerance=1e3)
     x, y, z = 40.0, -90.0, 30.0
-    state: Any = SimpleNamespace(p=vector(x, y, z), v=vector(0.0, 0.0, 0.0))
-    goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    state = SimpleNamespace(p=vector(x, y, z), v=vector(0.0, 0.0, 0.0))
+    goal = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
     time = np.array([left])
     burn = law.velocity(state, goal, time, time)
     a = N * left
@@ -72,7 +70,7 @@ def test_the_burn_across_the_plane_waits_for_a_quarter_of_an_orbit(
 
 
 @pytest.mark.slow
-def test_few_burns_arrive_around_a_ball_and_brake() -> None:
+def test_few_burns_arrive_around_a_ball_and_brake():
     """From before the target to behind it: never inside its ball, and within both tolerances around the arrival."""
     law = guidance(FewBurns, Ball(REST, REST, 50.0))
     goal = vector(0.0, -100.0, 0.0)
@@ -83,11 +81,11 @@ def test_few_burns_arrive_around_a_ball_and_brake() -> None:
     assert np.any((near & slow)[-5:])
 
 
-def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> None:
+def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball():
     """40 m from the goal three periods after the planned arrival: it would go at 1 m/s."""
     limits = Ball(REST, REST, 20.0), SpeedLimit(REST, 0.1, 0.0041)
     law = guidance(FewBurns, *limits)
-    goal: Any = SimpleNamespace(p=vector(0.0, -30.0, 0.0), v=REST)
+    goal = SimpleNamespace(p=vector(0.0, -30.0, 0.0), v=REST)
     p, v = vector(0.0, 15.0, 30.0), vector(0.0, 0.0, 0.0)
     for step in range(80):
         left = np.array([-PERIOD * (3 + step)])
@@ -102,7 +100,7 @@ def test_a_craft_that_comes_too_late_keeps_the_speed_limit_and_the_ball() -> Non
     raise AssertionError("it did not come to the goal within 800 s")
 
 
-def test_nobody_beside_a_ball_is_faster_than_is_allowed() -> None:
+def test_nobody_beside_a_ball_is_faster_than_is_allowed():
     """From 2,000 states near a ball, at 0.3 to 0.4 m/s where 0.32 to 0.36 m/s are allowed; a goal is behind it."""
     limits = Ball(REST, REST, 53.0), SpeedLimit(REST, 0.2, 0.0022)
     law = guidance(FewBurns, *limits)
@@ -111,17 +109,17 @@ def test_nobody_beside_a_ball_is_faster_than_is_allowed() -> None:
     directions /= np.linalg.norm(directions, axis=1, keepdims=True)
     p = Vec3(*(directions[0] * random.uniform(54.0, 75.0, 2000)))
     v = Vec3(*(directions[1] * random.uniform(0.3, 0.4, 2000)))
-    goal: Any = SimpleNamespace(p=vector(0.0, -62.6, 0.0), v=REST)
+    goal = SimpleNamespace(p=vector(0.0, -62.6, 0.0), v=REST)
     left = np.full(2000, 900.0)
     flown = law.velocity(SimpleNamespace(p=p, v=v), goal, left, left + 300.0)
     assert (flown.norm() < 0.2 + 0.0022 * p.norm()).all()
 
 
 @pytest.mark.parametrize("kind", [SingleImpulse, FewBurns])
-def test_the_plan_is_no_dearer_than_the_latest_arrival(kind: type[OrbitalGuidance]) -> None:
+def test_the_plan_is_no_dearer_than_the_latest_arrival(kind):
     law = guidance(kind)
-    start: Any = SimpleNamespace(p=vector(60.0, -90.0, 30.0), v=vector(0.1, 0.1, 0.0))
-    goal: Any = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
+    start = SimpleNamespace(p=vector(60.0, -90.0, 30.0), v=vector(0.1, 0.1, 0.0))
+    goal = SimpleNamespace(p=vector(0.0, 0.0, 0.0), v=vector(0.0, 0.0, 0.0))
     deadline = np.array([2000.0])
     arrival = law.arrival(start, goal, deadline)
     latest = np.array([1980.0 if law.mission.brakes else 2000.0])
