@@ -52,8 +52,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         spacecraft: name, TOML file or object; None: the default one of the task or the dimension.
         task: task settings; None: the defaults.
         timing: control period, substeps, checks and length of an episode; None: those of the task.
-        render_mode: None; "rgb_array": `render` returns frames; "human": every `reset` and `step` displays a
-            frame in the browser in real time (see `rans.window.Window`).
+        render_mode: None, or "rgb_array": `render` returns frames.
         conditions: domain randomization, disturbances, faults and sensors, as a name, a TOML file or an object;
             None: everything is nominal.
         guard: safety filter between actions and effectors; None: every action is executed.
@@ -64,7 +63,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         ConfigError: one of these does not exist or does not fit the others.
     """
 
-    metadata = {"render_modes": ["human", "rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's)
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 5}  # noqa: RUF012  (Gymnasium's)
 
     @settled
     def __init__(
@@ -80,10 +79,8 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         plain: bool = True,
         guard: Guard | None = None,
     ) -> None:
-        if render_mode not in (None, "human", "rgb_array"):
-            raise ConfigError(
-                f'render_mode must be None, "human" or "rgb_array", got {render_mode!r}.'
-            )
+        if render_mode not in (None, "rgb_array"):
+            raise ConfigError(f'render_mode must be None or "rgb_array", got {render_mode!r}.')
         self.render_mode = render_mode
         self.craft, self.task = choose(task_name, dimension, spacecraft, task)
         self.timing = self.task.timing if timing is None else checked("timing", timing, Timing)
@@ -98,7 +95,6 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         self._move = self._mover()
         self._now = None
         self._scene: Any = None
-        self._window: Any = None
 
     @property
     def spec(self) -> EnvSpec | None:  # type: ignore[override]  # an attribute in Gymnasium
@@ -140,7 +136,6 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         )
         self._command = (0.0,) * self.craft.command_count
         self._trail: list[tuple[float, ...]] = []
-        self._show()
         return self._observe(), {"errors": self._errors()}
 
     @settled
@@ -159,7 +154,6 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         outcome = step(self._world, before, tuple(values.tolist()), self._draws, self._move)
         self._now = _plain(outcome.episode)
         self._command = outcome.command
-        self._show()
         terminated = bool(outcome.terminated)
         truncated = bool(outcome.truncated)
         # Random numbers of a step, such as those of thrusts, are arrays of one.
@@ -182,8 +176,14 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
 
     def render(self) -> Any:
         """Frame (480, 640, 3), uint8, in the mode "rgb_array", else None; see `rans.drawing.Scene`."""
-        self._running()
-        return self._draw() if self.render_mode == "rgb_array" else None
+        now = self._running()
+        if self.render_mode is None:
+            return None
+        if self._scene is None:
+            from rans.drawing import Scene
+
+            self._scene = Scene(self.craft, self.task)
+        return self._scene.render(now.state, now.goal, self._command, self._trail)
 
     @property
     def state(self) -> State:
@@ -202,30 +202,6 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: `reset` has not been called.
         """
         return self._running().goal
-
-    def close(self) -> None:
-        """Close the window, if there is one."""
-        if self._window is not None:
-            self._window.close()
-            self._window = None
-
-    def _draw(self) -> np.ndarray:
-        now = self._running()
-        if self._scene is None:
-            from rans.drawing import Scene
-
-            self._scene = Scene(self.craft, self.task)
-        return self._scene.render(now.state, now.goal, self._command, self._trail)
-
-    def _show(self) -> None:
-        """Display the newest frame in the render mode "human"; the first call opens the window."""
-        if self.render_mode != "human":
-            return
-        if self._window is None:
-            from rans.window import Window
-
-            self._window = Window(self.metadata["render_fps"])
-        self._window.show(self._draw())
 
     def _running(self) -> Episode:
         if self._now is None:
