@@ -1,7 +1,6 @@
 #!/bin/bash
-# Any command of RANS that torchrun divides, on all GPUs of several machines:
+# A training, which torchrun divides, on all GPUs of several machines:
 #   sbatch examples/slurm/rans.sh train go-to-pose-2d --output runs/many --set ppo.n_envs=65536
-#   sbatch examples/slurm/rans.sh assure runs/many --failure-below 1e-6
 # If it is cut short: sbatch examples/slurm/rans.sh train --resume runs/many. All machines must see the folder.
 #SBATCH --job-name=rans
 #SBATCH --nodes=2

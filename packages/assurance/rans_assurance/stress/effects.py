@@ -73,7 +73,7 @@ _PERCENT = 0.01
 
 
 def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
-    """Every effect that applies to this spacecraft, with the sizes that it can have.
+    """Every effect that applies to this spacecraft, with the sizes that it can have and hold.
 
     Sizes reach beyond the ranges of the conditions ``train-robust``. Disturbance forces and torques
     are fractions of those of the strongest thruster (without thrusters: wheel), and least on-times are whole
@@ -103,10 +103,12 @@ def applicable_effects(craft: Spacecraft, timing: Timing) -> list[Effect]:
     lab = load_conditions("lab")
     times = (0.1, 0.2, 0.35, 0.5, 0.7, 1.0, 1.5)
     effects.append(Effect("all of lab", "times", 0.0, times, lambda size: _scaled(lab, size)))
-    return [
-        replace(effect, sizes=tuple(x for x in effect.sizes if _is_possible(effect.make(x), craft)))
-        for effect in effects
-    ]
+    possible = []
+    for effect in effects:
+        sizes = tuple(x for x in effect.sizes if _is_possible(effect.make(x), craft))
+        if sizes:
+            possible.append(replace(effect, sizes=sizes))
+    return possible
 
 
 def _is_possible(conditions: Conditions, craft: Spacecraft) -> bool:

@@ -63,11 +63,11 @@ def mission_bounds(
     problem = contest.task.optimal_problem
     spending = "propellant" if problem == "landing" else "impulse"
     lower: list[float] = []
-    deadlines: list[float] | None = [] if problem == "rendezvous" else None
+    deadlines = None
     for k in range(min(count, contest.episodes)):
         lower.append(_lower(contest, k))
-        if deadlines is not None:
-            deadlines.append(_deadline(contest, k))
+        if problem == "rendezvous":
+            deadlines = [_deadline(contest, i) for i in range(k + 1)]
         progress(1)
         yield MissionBounds(np.array(lower), spending, deadlines)
 
