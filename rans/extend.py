@@ -87,7 +87,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Batch as Batch
     from rans.fast.learn.rollout import Rollout as Rollout
-    from rans.fast.learn.rollout import gae as gae
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
     from rans.fast.stepping.step import Step as Step
@@ -109,6 +108,7 @@ if TYPE_CHECKING:
     from rans.model.actuators import ON_OFF as ON_OFF
     from rans.model.actuators import Throttle as Throttle
     from rans.model.body import Body as Body
+    from rans.model.coordinates import around as around
     from rans.model.coordinates import coordinates as coordinates
     from rans.model.coordinates import rotation_vector as rotation_vector
     from rans.model.drift import FREE as FREE
@@ -181,7 +181,6 @@ if TYPE_CHECKING:
     from rans.randomization.conditions import largest as largest
     from rans.randomization.conditions_file import conditions_text as conditions_text
     from rans.randomization.parameters import StepInputs as StepInputs
-    from rans.reference.frames import SPHERE as SPHERE
     from rans.reference.frames import DrakeFrame as DrakeFrame
     from rans.reference.further import DrakeMass as DrakeMass
     from rans.registry import typed as typed
@@ -209,6 +208,7 @@ if TYPE_CHECKING:
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
+    from rans.tasks.derived import example_state as example_state
     from rans.tasks.derived import is_constrained as is_constrained
     from rans.tasks.derived import observation_width as observation_width
     from rans.tasks.go_to_pose import GoToPose as GoToPose

@@ -21,9 +21,9 @@ from rans.extend import (
     PPOSettings,
     Rollout,
     TrainConfig,
-    gae,
     remember,
 )
+from rans.fast.learn.rollout import gae
 
 
 class A2CLearner:

@@ -18,8 +18,8 @@ from rans.extend import (
     State,
     Task,
     VectorInW,
+    example_state,
 )
-from rans.tasks.derived import example_state
 
 POSITION = 0
 VELOCITY = 1

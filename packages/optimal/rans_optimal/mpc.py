@@ -23,6 +23,7 @@ from rans.extend import (
     Task,
     Timing,
     advance,
+    around,
     brief,
     coordinates,
     leaves,
@@ -31,7 +32,6 @@ from rans.extend import (
     scenario,
     whole,
 )
-from rans.model.coordinates import around
 from rans.optimal.control.lqr import LQR
 from rans_optimal.arrival import path_margins
 from rans_optimal.checks import moves_goal

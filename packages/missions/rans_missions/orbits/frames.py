@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import SPHERE, ConfigError, DrakeFrame
+from rans.extend import ConfigError, DrakeFrame
+from rans.reference.frames import SPHERE
 
 _KEPLER_STEPS = 50
 """Steps of Newton's method for Kepler's equation; ten are enough up to an eccentricity of 0.9."""
