@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from rans.model.fields import Vec2, Vector
 from rans.model.spacecraft import Spacecraft
-from rans.outline import Nozzle, Outline
+from rans.outline import Nozzle, nozzles
 from rans.tasks import Task
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
 
@@ -69,7 +70,7 @@ class Scene:
         self.width = width
         self.height = height
         self._view = _view(craft.dimension)
-        self._outline = Outline(craft)
+        self._nozzles = nozzles(craft)
         self._font = ImageFont.load_default(13 * _SMOOTHING)
 
     def render(
@@ -203,8 +204,8 @@ class Scene:
 
     def _draw_great_circles(self, centre: np.ndarray, turn: np.ndarray) -> None:
         """Draw the visible halves of the sphere's great circles in the coordinate planes of the body."""
-        for own in self._outline.rings:
-            ring = own @ turn.T
+        for first, second in combinations(turn.T, 2):
+            ring = _circle(first, second, self.craft.radius)
             in_front = ring @ self._view[2] > 0.0
             for start in np.flatnonzero(in_front[:-1] & in_front[1:]):
                 self._line(list(centre + ring[start : start + 2]), _SHADOW, 1.0)
@@ -214,11 +215,11 @@ class Scene:
 
         The position is (3,), m, and ``turn`` (3, 3) takes B to W.
         """
-        nozzles = [
+        turned = [
             Nozzle(turn @ nozzle.root, turn @ nozzle.mouth, turn @ nozzle.exhaust, nozzle.strength)
-            for nozzle in self._outline.nozzles
+            for nozzle in self._nozzles
         ]
-        in_front = np.array([nozzle.root @ self._view[2] >= -1e-9 for nozzle in nozzles])
+        in_front = np.array([nozzle.root @ self._view[2] >= -1e-9 for nozzle in turned])
         for near in (False, True):
             if near:
                 self._disc(position, _BODY, _EDGE)
@@ -226,7 +227,7 @@ class Scene:
                     self._draw_great_circles(position, turn)
             self._draw_axes(position, turn, (near,))
             for index in np.flatnonzero(in_front == near):
-                self._draw_thruster(position, nozzles[index], command[index])
+                self._draw_thruster(position, turned[index], command[index])
 
     def _draw_thruster(self, position: np.ndarray, nozzle: Nozzle, opening: float) -> None:
         """Draw a nozzle of a craft at a position (3,), m; its vectors are in W, and ``opening`` is 0 to 1."""
@@ -273,9 +274,8 @@ def outlines(shape: Shape, reach: float) -> list[np.ndarray]:
     """
     if isinstance(shape, Ball):
         centre = columns(shape.centre)
-        planes = [(0, 1)] if isinstance(shape.centre, Vec2) else [(0, 1), (1, 2), (2, 0)]
-        axes = np.eye(3)
-        return [centre + _circle(axes[a], axes[b], float(shape.radius)) for a, b in planes]
+        axes = np.eye(3)[: len(shape.centre.columns())]
+        return [centre + _circle(a, b, float(shape.radius)) for a, b in combinations(axes, 2)]
     if isinstance(shape, Cone):
         return _cone_lines(shape.apex, shape.axis, float(shape.half_angle), float(shape.length))
     if isinstance(shape, GlideSlope):

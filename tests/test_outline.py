@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from rans import RansWarning, Spacecraft, Thruster
-from rans.outline import Outline
+from rans.outline import nozzles, outline_values
 
 THRUSTERS = (
     Thruster((1.5, 0.0, 0.0), (0.0, 1.0, 0.0), 2.0),
@@ -33,7 +33,7 @@ CRAFT = crafted(2, THRUSTERS)
 
 
 def test_nozzles_lie_about_the_centre_of_mass_against_their_forces():
-    first, second = Outline(CRAFT).nozzles
+    first, second = nozzles(CRAFT)
     np.testing.assert_allclose(first.root, (1.0, 0.0, 0.0))
     np.testing.assert_allclose(first.exhaust, (0.0, -1.0, 0.0))
     np.testing.assert_allclose(first.mouth, (1.0, -0.6, 0.0))  # 0.3 radii of 2 m
@@ -43,7 +43,7 @@ def test_nozzles_lie_about_the_centre_of_mass_against_their_forces():
 
 
 def test_a_page_is_given_places_and_forces():
-    values = Outline(CRAFT).values(3)
+    values = outline_values(CRAFT, 3)
     assert (values["planar"], values["radius"]) == (True, 2.0)
     assert values["thrusters"][1] == {"at": [0.0, -1.0, 0.0], "along": [-0.15, 0.2, 0.0]}
     assert "-0.0" not in str(values)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from rans.model.spacecraft import Spacecraft
-from rans.outline import Outline
+from rans.outline import nozzles
 from rans.show.figures.panels import styled
 from rans.show.figures.plotting import Circle, Figure, MaxNLocator
 
@@ -30,14 +30,12 @@ def draw_layout(craft: Spacecraft) -> Figure:
     """
     figure = Figure(figsize=(6.0, 6.0), layout="constrained")
     axes: Any = figure.add_subplot(projection="3d" if craft.dimension == 3 else None)
-    outline = Outline(craft)
-    roots = np.array([nozzle.root for nozzle in outline.nozzles]).reshape(-1, 3) + outline.centre
-    positions = roots[:, : craft.dimension]
-    forces = [-nozzle.exhaust * nozzle.strength for nozzle in outline.nozzles]
+    positions = np.array([t.position for t in craft.thrusters]).reshape(-1, 3)[:, : craft.dimension]
+    forces = [-nozzle.exhaust * nozzle.strength for nozzle in nozzles(craft)]
     arrows = 0.5 * craft.radius * np.array(forces).reshape(-1, 3)[:, : craft.dimension]
     axes.plot(*positions.T, "o", color=_NOZZLE, markersize=5, label="thruster")
     axes.plot(
-        *([x] for x in outline.centre[: craft.dimension]),
+        *([x] for x in craft.centre_of_mass[: craft.dimension]),
         "P",
         color=_FLAME,
         markersize=9,
@@ -66,14 +64,14 @@ def draw_layout(craft: Spacecraft) -> Figure:
 
 def _outline(axes: Any, craft: Spacecraft) -> None:
     """Draw the outer radius (m) around the centre of mass, a disc in the plane and a sphere in space."""
-    centre = Outline(craft).centre
+    centre = craft.centre_of_mass
     if craft.dimension == 2:
         axes.grid(color=_GRID)
         axes.set_axisbelow(True)
         axes.ticklabel_format(useOffset=False)
         axes.add_patch(
             Circle(
-                (float(centre[0]), float(centre[1])),
+                centre[:2],
                 craft.radius,
                 facecolor=_BODY,
                 edgecolor=_EDGE,

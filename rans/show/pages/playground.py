@@ -32,7 +32,7 @@ from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import UNTRACEABLE, Symbol
-from rans.outline import Outline
+from rans.outline import outline_values
 from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
@@ -361,7 +361,7 @@ def page_data(
     )
     longest = max(parameters.delay for parameters in every)
     delay = round(0.5 * (shortest + longest) / world.timing.control_period, 6)
-    return Outline(craft).values(6) | {
+    return outline_values(craft, 6) | {
         "pace": pace(run.judged),
         "period": world.timing.control_period,
         "delay": delay,

@@ -14,7 +14,7 @@ from rans.flight import Flight
 from rans.model.dynamics import State
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.outline import Outline
+from rans.outline import outline_values
 from rans.show.palette import series_style
 from rans.tasks.shapes import Ball, Cone, GlideSlope
 
@@ -65,7 +65,7 @@ def race(
     strips = "Strips have a row a thruster, filled while it is open."
     turns = "Drag to turn the view." if craft.dimension == 3 else ""
     said = " ".join(filter(None, (caption, strips, turns)))
-    return Race(Outline(craft).values(3) | {"starts": results, "plays": plays}, said)
+    return Race(outline_values(craft, 3) | {"starts": results, "plays": plays}, said)
 
 
 def has_place(flight: Flight) -> bool:
