@@ -22,10 +22,13 @@ from types import MappingProxyType, ModuleType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from rans.errors import (
+    EXTRAS,
     ConfigError,
+    MissingPackage,
     NoSuchKey,
     RansWarning,
     brief,
+    is_installed,
     meant,
     meant_file,
     of_user_code,
@@ -277,6 +280,8 @@ class Registry(Mapping[str, T]):
             yield
         except ConfigError as error:
             package = package or self.package(name)
+            if isinstance(error, MissingPackage) and not package:
+                raise  # it says what to install, and Python's `except ImportError` finds it
             of = f" of the package {package}" if package else ""
             raise ConfigError(
                 f"the {self._kind} {brief(name)}{of} cannot be used: {error}"
@@ -400,6 +405,7 @@ def resolve(reference: str, file: str = "") -> Any:
     Raises:
         ConfigError: there is no such object, it belongs to another imported module ("module:os.abort"), or its
             module fails.
+        MissingPackage: its module needs a package of `rans.errors.EXTRAS` that is not installed.
     """
     module, _, name = reference.partition(":")
     try:
@@ -439,6 +445,13 @@ def resolve(reference: str, file: str = "") -> Any:
             raise ConfigError(
                 f"a module is named without .py: write {module.removesuffix('.py')}:{name}."
             ) from error
+        missing = str(getattr(error, "name", "")).partition(".")[0]
+        if (
+            isinstance(error, ModuleNotFoundError)
+            and missing in EXTRAS
+            and not is_installed(missing)
+        ):
+            raise MissingPackage(missing) from error
         raise ConfigError(
             of_user_code(error) or f"{type(error).__name__}: {first_line(error)}."
         ) from error

@@ -1,1 +1,9 @@
-"""Films of flights (entry points ``rans.films``)."""
+"""Films of flights (entry points ``rans.films``).
+
+Raises:
+    MissingPackage: when it is imported, where FFmpeg is missing.
+"""
+
+from rans.extend import require
+
+require("imageio_ffmpeg")

@@ -7,6 +7,7 @@ import logging
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
@@ -18,7 +19,6 @@ from rans.extend import (
     Stages,
     map_leaves,
     replace_file,
-    require,
     unseen_stages,
 )
 
@@ -68,11 +68,10 @@ def save_video(
         check: whether to refuse only what could not be written.
 
     Raises:
-        ConfigError: something is in the file's place, there is no FFmpeg or it fails, or the disk refused.
+        ConfigError: something is in the file's place, FFmpeg fails, or the disk refused.
     """
     if file.exists():
         raise ConfigError(f"{file} exists already; choose another name for the film.")
-    require("imageio_ffmpeg")
     if check:
         return
     ending = file.suffix.lower()
@@ -168,8 +167,6 @@ class Episode:
 
 def _encode(file: Path, size: tuple[int, int], ending: str, frames: Iterator[Image.Image]) -> None:
     """Write frames as a film by ffmpeg; whoever calls removes a half one."""
-    import imageio_ffmpeg
-
     logging.getLogger("imageio_ffmpeg").setLevel(logging.ERROR)
     writer = imageio_ffmpeg.write_frames(
         str(file),

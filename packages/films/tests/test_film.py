@@ -13,7 +13,9 @@ from rans_films import film
 from rans_films.film import Episode, save_video
 
 from rans import ConfigError
+from rans.errors import MissingPackage
 from rans.flight import Flight
+from rans.registry import resolve
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.reference_flights import TRACKING, drifting
 
@@ -74,10 +76,13 @@ def test_what_is_there_is_no_film(tmp_path):
         save_video((), tmp_path / "there.mp4", check=True)
 
 
-def test_a_missing_encoder_is_named(tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "imageio_ffmpeg", None)
-    with pytest.raises(ConfigError, match=r"\[video\]|imageio"):
-        save_video((), tmp_path / "film.mp4", check=True)
+@pytest.mark.parametrize("module", ["imageio_ffmpeg", "PIL"])
+def test_what_is_missing_is_named(monkeypatch, module):
+    monkeypatch.delitem(sys.modules, "rans_films")
+    monkeypatch.delitem(sys.modules, "rans_films.film")
+    monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingPackage, match=f"needs the package {module}"):
+        resolve("rans_films.film:save_video")
 
 
 @pytest.mark.parametrize(
