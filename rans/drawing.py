@@ -1,6 +1,9 @@
 """Frames of the motion of a spacecraft, and lines of what it flies among.
 
 Lengths are in m in W; pixels come last. Frames of equal states are equal (`tests/test_drawing.py`).
+
+Raises:
+    MissingPackage: when it is imported, where Pillow is missing.
 """
 
 from __future__ import annotations
@@ -11,13 +14,16 @@ from itertools import combinations
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw, ImageFont
 
+from rans.errors import require
 from rans.model.fields import Vec2, Vector
 from rans.model.spacecraft import Spacecraft
 from rans.outline import Nozzle, nozzles
 from rans.tasks import Task
 from rans.tasks.shapes import Ball, Cone, GlideSlope, Shape
+
+require("PIL")
+from PIL import Image, ImageDraw, ImageFont  # noqa: E402
 
 _BODY = "#DCE6F0"
 _EDGE = "#1F2933"
