@@ -170,8 +170,7 @@ class World:
         """Choose the substeps; under conditions for the largest accelerations in 1,024 episodes."""
         setup = self.setup
         period = setup.timing.control_period
-        further: tuple[Any, ...] = setup.craft.further_effectors
-        for effector in further:
+        for effector in setup.craft.further_effectors:
             effector.check_flight(setup.craft, setup.task.drift, period, setup.conditions)
         bodies = None
         torque = 0.0

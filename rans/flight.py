@@ -513,8 +513,9 @@ def outran(flight: Flight, timing: Timing) -> list[str]:
             "The usual cause is a fault or a disturbance torque that the controller does not balance, or an agent "
             "that has not learnt to stop its spin."
         )
-    further: tuple[Any, ...] = craft.further_effectors
-    reasons = (effector.inaccuracy(craft, states, going, timing) for effector in further)
+    reasons = (
+        effector.inaccuracy(craft, states, going, timing) for effector in craft.further_effectors
+    )
     result.extend(f"{flight.controller} {reason}" for reason in reasons if reason)
     result.extend(_lost(flight, timing, going))
     return result

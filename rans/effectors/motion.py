@@ -172,8 +172,7 @@ def effectors_of(craft: Spacecraft) -> tuple[Effector, ...]:
         tanks = int(craft.propellant is not None)
         momenta = craft.stores[tanks : tanks + craft.wheel_count]
         results.append(ReactionWheels(craft.wheels, craft.dimension, ranges, momenta))
-    further: tuple[Any, ...] = craft.mounted
-    return (*results, *further)
+    return (*results, *craft.mounted)
 
 
 def begin_actions(

@@ -150,8 +150,7 @@ def check_stores(craft: Spacecraft, body: Body) -> None:
             f"the body leaves no rigid craft to {craft.name!r} with an empty tank: without {tank.mass:g} kg at "
             "the tank's position its inertia is not that of a body. Give it more inertia, or less propellant."
         )
-    further: tuple[Any, ...] = craft.further_effectors
-    for effector in further:
+    for effector in craft.further_effectors:
         effector.check_body(craft, body)
 
 

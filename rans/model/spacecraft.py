@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -84,46 +84,6 @@ class Store(NamedTuple):
     high: float
 
 
-class FurtherEffector(Protocol):
-    """Interface of an effector that is neither thruster, propellant nor wheel.
-
-    Such effectors derive from `rans.effectors.effector.Effector`.
-    """
-
-    @property
-    def commands(self) -> tuple[CommandRange, ...]:
-        """Commands of the effector in every control period."""
-        ...
-
-    @property
-    def stores(self) -> tuple[Store, ...]:
-        """States of the effector, which are part of the craft's state."""
-        ...
-
-    @property
-    def largest_torque(self) -> float:
-        """Largest torque of the effector, N m, from which the number of substeps is chosen."""
-        ...
-
-    @property
-    def moves_mass(self) -> bool:
-        """Whether it moves the craft itself, as a mass in it does."""
-        ...
-
-    @property
-    def label(self) -> str:
-        """Short text in lists."""
-        ...
-
-    def of_craft(self, craft: Spacecraft) -> FurtherEffector:
-        """The effector as a part of a craft, which has its commands and stores."""
-        ...
-
-    def check_craft(self, craft: Spacecraft) -> None:
-        """Refuse (`ConfigError`) spacecraft on which it cannot be."""
-        ...
-
-
 @dataclass(frozen=True)
 class Spacecraft(NotebookRepr):
     """A rigid body with thrusters that moves in the plane (dimension 2) or in space (dimension 3).
@@ -163,7 +123,7 @@ class Spacecraft(NotebookRepr):
     """Reaction wheels; their commands come after those of the thrusters."""
     propellant: Propellant | None = None
     """Propellant of the thrusters; None: the mass is constant."""
-    further_effectors: tuple[FurtherEffector, ...] = ()
+    further_effectors: tuple[Any, ...] = ()
     """Effectors of other kinds (`rans.effectors.effector.Effector`); their commands and stores come last."""
 
     def __post_init__(self) -> None:
@@ -326,7 +286,7 @@ class Spacecraft(NotebookRepr):
         return (*left, *wheels, *further)
 
     @cached_property
-    def mounted(self) -> tuple[FurtherEffector, ...]:
+    def mounted(self) -> tuple[Any, ...]:
         """`further_effectors` as parts of this craft (`rans.effectors.effector.Effector.of_craft`)."""
         return tuple(effector.of_craft(self) for effector in self.further_effectors)
 
@@ -336,7 +296,7 @@ class Spacecraft(NotebookRepr):
         return not any(effector.moves_mass for effector in self.further_effectors)
 
     @property
-    def acting_effectors(self) -> tuple[FurtherEffector, ...]:
+    def acting_effectors(self) -> tuple[Any, ...]:
         """Further effectors that push, turn or take commands: all but those that only move a mass in the craft."""
         return tuple(
             effector

@@ -105,7 +105,7 @@ SPACECRAFT = Registry(
 
 
 def _effector_class(found: Any) -> Any:
-    """The class, checked to be a dataclass with the members of `rans.model.spacecraft.FurtherEffector`."""
+    """The class, checked to be a dataclass with members of `rans.effectors.effector.Effector`."""
     members = ("commands", "stores", "largest_torque", "begin")
     has_all = isinstance(found, type) and all(hasattr(found, name) for name in members)
     if not has_all or not dataclasses.is_dataclass(found):
@@ -256,8 +256,7 @@ def sections(craft: Spacecraft, every: bool = False) -> Iterator[tuple[str, dict
         yield "[[thruster]]\n", each
     for each in parts["wheels"]:
         yield "[[wheel]]\n", each
-    further: tuple[Any, ...] = craft.further_effectors
-    for effector in further:
+    for effector in craft.further_effectors:
         kind = effector_kind(effector)
         settings = dataclasses.asdict(effector)
         if kind in EFFECTORS:

@@ -280,8 +280,7 @@ class Conditions(NamedArguments, Settings):
 
     def _check_effectors(self, craft: Spacecraft) -> None:
         """Reject conditions that a further effector refuses."""
-        further: tuple[Any, ...] = craft.further_effectors
-        for effector in further:
+        for effector in craft.further_effectors:
             effector.check_conditions(craft, self)
 
     @property

@@ -57,8 +57,7 @@ def _further(craft: Spacecraft) -> Iterator[tuple[str, str]]:
     if (tank := craft.propellant) is not None:
         place = "" if tank.position is None else f", tank at {vector_text(tank.position, 4)} m"
         yield "propellant", f"{tank.mass:g} kg, specific impulse {tank.specific_impulse:g} s{place}"
-    further: tuple[Any, ...] = craft.further_effectors
-    for effector in further:
+    for effector in craft.further_effectors:
         if effector.summary:
             yield effector.label, effector.summary
     for number, command in enumerate(craft.commands):
