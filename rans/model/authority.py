@@ -9,18 +9,6 @@ import numpy as np
 
 from rans.model.spacecraft import Spacecraft
 
-_AXES: dict[int, tuple[tuple[str, str, str], ...]] = {
-    2: (("force x", "N", "m/s^2"), ("force y", "N", "m/s^2"), ("torque z", "N m", "rad/s^2")),
-    3: (
-        ("force x", "N", "m/s^2"),
-        ("force y", "N", "m/s^2"),
-        ("force z", "N", "m/s^2"),
-        ("torque x", "N m", "rad/s^2"),
-        ("torque y", "N m", "rad/s^2"),
-        ("torque z", "N m", "rad/s^2"),
-    ),
-}
-
 
 @dataclass(frozen=True)
 class Authority:
@@ -28,16 +16,12 @@ class Authority:
 
     axis: str
     """Name of the axis, such as "force x" or "torque z"."""
-    unit: str
-    """N or N m."""
     forwards: float
-    """Largest force or torque in the positive direction."""
+    """Largest force, N, or torque, N m, in the positive direction."""
     backwards: float
     """Largest force or torque in the negative direction, as a positive number."""
     acceleration: float
     """Acceleration by the smaller of both, m/s^2 or rad/s^2, as if the axes of B were principal axes."""
-    acceleration_unit: str
-    """m/s^2 or rad/s^2."""
 
 
 def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
@@ -52,55 +36,53 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
     from scipy.optimize import linprog
 
     # Force or torque along each axis by each actuator; rows are scaled to 1 for the solver.
-    size = craft.degrees_of_freedom
-    wheels = np.zeros((size, craft.wheel_count))
+    table = np.vstack([craft.wrenches, np.zeros((craft.wheel_count, craft.degrees_of_freedom))]).T
     if craft.wheels:
-        wheels[craft.dimension :] = np.array(craft.wheel_map).T
-    table = np.column_stack([craft.wrenches.T, wheels])
+        table[craft.dimension :, craft.thruster_count :] = np.array(craft.wheel_map).T
     scale = np.abs(table).max(axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
     bounds = [(command.low, command.high) for command in craft.commands]
     # The limit of a shared supply, and the mass or moment of each axis.
-    supply = None
-    if craft.thrust_sharing == "split":
-        supply = np.append(np.ones(craft.thruster_count), np.zeros(craft.wheel_count))[None]
-    inertia = [craft.mass] * craft.dimension
+    shared = craft.thrust_sharing == "split"
+    supply = np.append(np.ones(craft.thruster_count), np.zeros(craft.wheel_count))[None]
     moments = np.diag(np.array(craft.inertia)).tolist()
-    inertia += moments[2:] if craft.dimension == 2 else moments
+    if craft.dimension == 2:
+        axes = ("force x", "force y", "torque z")
+        inertia = [craft.mass, craft.mass, moments[2]]
+    else:
+        axes = ("force x", "force y", "force z", "torque x", "torque y", "torque z")
+        inertia = [craft.mass] * 3 + moments
 
     # The optimum of every axis in both directions, all other axes being balanced.
     authorities = []
-    for index, (axis, unit, acceleration_unit) in enumerate(_AXES[craft.dimension]):
-        others = [k for k in range(size) if k != index]
+    for index, axis in enumerate(axes):
         extremes = []
         for sign in (1.0, -1.0):
             best = linprog(
                 -sign * table[index] / scale[index],
-                A_ub=supply,
-                b_ub=None if supply is None else [1.0],
-                A_eq=(table / scale[:, None])[others],
-                b_eq=np.zeros(size - 1),
+                A_ub=supply if shared else None,
+                b_ub=[1.0] if shared else None,
+                A_eq=np.delete(table / scale[:, None], index, axis=0),
+                b_eq=np.zeros(len(axes) - 1),
                 bounds=bounds,
             )
             extremes.append(max(0.0, -best.fun * scale[index]) if best.success else 0.0)
-        acceleration = min(extremes) / inertia[index]
-        authorities.append(
-            Authority(axis, unit, extremes[0], extremes[1], acceleration, acceleration_unit)
-        )
+        authorities.append(Authority(axis, *extremes, min(extremes) / inertia[index]))
     return tuple(authorities)
 
 
 def authority_rows(authorities: Sequence[Authority]) -> list[tuple[str, str, str, str]]:
     """Rows of text: axis, largest force or torque in each direction, acceleration by the smaller one."""
-    return [
-        (
-            authority.axis,
-            f"{_figure(authority.forwards)} {authority.unit}",
-            f"{_figure(authority.backwards)} {authority.unit}",
-            f"{authority.acceleration:.3g} {authority.acceleration_unit}",
+    rows = []
+    for authority in authorities:
+        turns = authority.axis.startswith("torque")
+        unit, of_acceleration = ("N m", "rad/s^2") if turns else ("N", "m/s^2")
+        forwards, backwards = (
+            f"{_figure(size)} {unit}" for size in (authority.forwards, authority.backwards)
         )
-        for authority in authorities
-    ]
+        acceleration = f"{authority.acceleration:.3g} {of_acceleration}"
+        rows.append((authority.axis, forwards, backwards, acceleration))
+    return rows
 
 
 def _figure(value: float) -> str:
