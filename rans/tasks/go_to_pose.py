@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.base import SingleTask
+from rans.tasks.go_to_position import Arriving
 from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
-from rans.tasks.rewards import RestReward, Transition, is_used, nearness, speed
+from rans.tasks.rewards import RestReward, Transition, is_used, nearness
 
 _NONE = RestReward()
 
 
 @dataclass(frozen=True)
-class GoToPose(SingleTask):
+class GoToPose(Arriving):
     """Go to a pose and stay there (paper: Table 1, rows "Go to pose"; sections 3.2 and 4.1).
 
     >>> rans.Engine("floating-platform", rans.GoToPose(thrust_weight=0.05), num_envs=4)
@@ -30,47 +30,21 @@ class GoToPose(SingleTask):
     Space: p_goal - p in W (3 columns, m), first two rows of R_WB^T R_WGoal (6 columns).
     """
 
-    spawn_distance: tuple[float, float] = (0.5, 4.5)
-    """Range of the start's distance from the goal in training, m (original system)."""
-    evaluation_distance: tuple[float, float] = (3.0, 4.0)
-    """Range of the start's distance from the goal in evaluations, m (paper, section 4.1)."""
-    approach_weight: float = 0.5
-    """Weight of the wide rewards, for large errors; 0 gives the reward of the original system."""
-    fine_weight: float = 0.0
-    """Weight of narrow copies of both rewards, for agents that keep the position within millimetres."""
-    fine_scale: float = 0.02
-    """Error at which the narrow rewards have fallen to 1/e, m and rad."""
     misaligned_weight: float = 0.0
     """Weight of a penalty for a wrong attitude at the goal's position (narrow copies)."""
-    rest_position: float = 0.0
-    """Distance below which the position reward is constant, so that thrust gains nothing, m."""
     rest_attitude: float = 0.0
     """Attitude error below which the attitude reward is constant, so that thrust gains nothing, rad."""
     arrived: RestReward = _NONE
     """Reward for rest within the tolerances."""
-    position_tolerance: float = 0.05
-    """Distance that counts as reached, m."""
     attitude_tolerance: float = math.radians(5.0)
     """Attitude error that counts as reached, rad."""
-    fail_distance: float = 8.0
-    """Distance from the goal beyond which an episode fails, m (original system)."""
-    fail_spin: float = 4.0
-    """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
 
-    position_scale: ClassVar[float] = 0.25
-    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
     attitude_scale: ClassVar[float] = 0.25
     """Error at which the attitude reward has fallen to 1/e, rad (original system, 2023)."""
-    approach_scale: ClassVar[float] = 1.5
-    """Distance at which the approach reward has fallen to 1/e, m: a third of the farthest start."""
     turn_scale: ClassVar[float] = 1.0
     """Attitude error at which the turn reward has fallen to 1/e, rad: a third of the largest error."""
 
     flag = 1
-
-    def for_evaluation(self) -> GoToPose:
-        """The task with the starts of evaluations."""
-        return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the goal at the origin; the order of draws is part of every recorded flight."""
@@ -124,9 +98,3 @@ class GoToPose(SingleTask):
         """Errors over their tolerances."""
         distance, angle = self.errors(state, goal).values()
         return distance / self.position_tolerance, angle / self.attitude_tolerance
-
-    def failed(self, state: State, goal: State) -> Field:
-        """Whether the craft is too far away, or in space spins too fast."""
-        lost = (goal.p - state.p).norm() > self.fail_distance
-        spin = state.spin()
-        return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)

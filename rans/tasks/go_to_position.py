@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Self
 
 from rans.model.dynamics import State
 from rans.model.fields import Field
@@ -15,7 +15,46 @@ from rans.tasks.rewards import Transition, is_used, nearness, speed
 
 
 @dataclass(frozen=True)
-class GoToPosition(SingleTask):
+class Arriving(SingleTask):
+    """Base class of tasks that go to a place: starts around it, rewards of nearness, and when an episode fails."""
+
+    spawn_distance: tuple[float, float] = (0.5, 4.5)
+    """Range of the start's distance from the goal in training, m (original system)."""
+    evaluation_distance: tuple[float, float] = (3.0, 4.0)
+    """Range of the start's distance from the goal in evaluations, m (paper, section 4.1; 1 to 5 m in space)."""
+    approach_weight: float = 0.5
+    """Weight of the wide rewards, for large errors; 0 gives the reward of the original system."""
+    fine_weight: float = 0.0
+    """Weight of narrow copies of the rewards, for agents that keep the position within millimetres."""
+    fine_scale: float = 0.02
+    """Error at which the narrow rewards have fallen to 1/e, m and rad."""
+    rest_position: float = 0.0
+    """Distance below which the position reward is constant, so that thrust gains nothing, m."""
+    position_tolerance: float = 0.05
+    """Distance that counts as reached, m."""
+    fail_distance: float = 8.0
+    """Distance from the goal beyond which an episode fails, m (original system)."""
+    fail_spin: float = 4.0
+    """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
+
+    position_scale: ClassVar[float] = 0.25
+    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
+    approach_scale: ClassVar[float] = 1.5
+    """Distance at which the approach reward has fallen to 1/e, m: a third of the farthest start."""
+
+    def for_evaluation(self) -> Self:
+        """The task with the starts of evaluations."""
+        return replace(self, spawn_distance=self.evaluation_distance)
+
+    def failed(self, state: State, goal: State) -> Field:
+        """Whether the craft is too far away, or in space spins too fast."""
+        lost = (goal.p - state.p).norm() > self.fail_distance
+        spin = state.spin()
+        return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)
+
+
+@dataclass(frozen=True)
+class GoToPosition(Arriving):
     """Go to a position and stay there (paper: Table 1, rows "Go to position"; sections 3.2 and 4.3).
 
     >>> rans.GoToPosition(position_tolerance=0.02).tolerances()
@@ -26,40 +65,14 @@ class GoToPosition(SingleTask):
     Observed task data: p_goal - p in W (2 or 3 columns, m).
     """
 
-    spawn_distance: tuple[float, float] = (0.5, 4.5)
-    """Range of the start's distance from the goal in training, m (original system)."""
-    evaluation_distance: tuple[float, float] = (3.0, 4.0)
-    """Range of the start's distance from the goal in evaluations, m (paper, section 4.1; 1 to 5 m in space)."""
-    position_scale: ClassVar[float] = 0.25
-    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
-    approach_weight: float = 0.5
-    """Weight of the wide position reward, for large distances; 0 gives the reward of the original system."""
-    approach_scale: ClassVar[float] = 1.5
-    """Distance at which the approach reward has fallen to 1/e, m."""
     stillness_weight: float = 0.5
     """Weight of the reward for low spin; without it agents spin at 3 to 7 rad/s."""
     stillness_scale: float = 0.25
     """Angular speed at which the stillness reward has fallen to 1/e, rad/s."""
-    fine_weight: float = 0.0
-    """Weight of a narrow copy of the position reward, for agents that keep the position within millimetres."""
-    fine_scale: float = 0.02
-    """Error at which the narrow position reward has fallen to 1/e, m."""
-    rest_position: float = 0.0
-    """Distance below which the position reward is constant, so that thrust gains nothing, m."""
     rest_spin: float = 0.0
     """Angular speed below which the stillness reward is constant, so that thrust gains nothing, rad/s."""
-    position_tolerance: float = 0.05
-    """Distance that counts as reached, m."""
-    fail_distance: float = 8.0
-    """Distance from the goal beyond which an episode fails, m (original system)."""
-    fail_spin: float = 4.0
-    """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
 
     flag = 0
-
-    def for_evaluation(self) -> GoToPosition:
-        """The task with the starts of evaluations."""
-        return replace(self, spawn_distance=self.evaluation_distance)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start around the goal at the origin; the order of draws is part of every recorded flight."""
@@ -91,9 +104,3 @@ class GoToPosition(SingleTask):
         if is_used(self.fine_weight):
             terms["fine"] = near(self.fine_scale) * self.fine_weight
         return {**terms, **self.prices(transition)}
-
-    def failed(self, state: State, goal: State) -> Field:
-        """Whether the craft is too far away, or in space spins too fast."""
-        distance, spin = self.errors(state, goal).values()
-        lost = distance > self.fail_distance
-        return lost if len(state.spin()) == 1 else lost | (spin > self.fail_spin)

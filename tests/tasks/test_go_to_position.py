@@ -4,9 +4,8 @@ import math
 
 import pytest
 
-from rans.model.dynamics import PlanarState
 from rans.tasks import GoToPosition, Transition
-from tests.support.states import planar, spatial
+from tests.support.states import planar
 
 SHUT = (0.0, 0.0)
 
@@ -37,22 +36,6 @@ def test_what_it_pays_by_hand():
         },
         rel=1e-14,
     )
-
-
-@pytest.mark.parametrize(
-    ("state", "fails"),
-    [
-        (planar(7.9), False),
-        (planar(8.1), True),
-        (planar(w=99.0), False),
-        (spatial((8.1, 0.0, 0.0)), True),
-        (spatial(w=(0.0, 3.9, 0.0)), False),
-        (spatial(w=(0.0, -4.1, 0.0)), True),
-    ],
-)
-def test_when_it_has_failed(state, fails):
-    goal = planar() if isinstance(state, PlanarState) else spatial()
-    assert bool(GoToPosition().failed(state, goal)) is fails
 
 
 def test_reached_is_near_whatever_the_spin():
