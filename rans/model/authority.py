@@ -67,7 +67,8 @@ def authorities(craft: Spacecraft) -> tuple[Authority, ...]:
                 bounds=bounds,
             )
             extremes.append(max(0.0, -best.fun * scale[index]) if best.success else 0.0)
-        authorities.append(Authority(axis, *extremes, min(extremes) / inertia[index]))
+        forwards, backwards = extremes
+        authorities.append(Authority(axis, forwards, backwards, min(extremes) / inertia[index]))
     return tuple(authorities)
 
 
