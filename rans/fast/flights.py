@@ -21,7 +21,6 @@ from rans.flight_statistics import FlightStatistics
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
-from rans.policy.backbone_registry import backbone
 from rans.policy.network import Network
 from rans.policy.traced import parameters
 from rans.processes import Workers, processors
@@ -96,7 +95,7 @@ class Flights:
         architecture = self._network.architecture
         if code is None or code.flown.missing(architecture):
             return None
-        if backbone(architecture.backbone).choices(architecture) > _MOST_PATTERNS:
+        if architecture.kind.choices(architecture) > _MOST_PATTERNS:
             return None  # which a product of matrices compares faster
         try:
             tables = parameters(self._network)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +20,7 @@ from rans.model.fields import Field
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import Adaptation, Filters
 from rans.policy.backbone_registry import backbone
+from rans.policy.backbones import Backbone
 from rans.policy.heads import HEADS, Head
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
@@ -132,19 +134,24 @@ class Architecture:
         """Columns of a reading, from which and from the memory those of the network are made."""
         return self.layout.body.width if self.adapts else self.column_count
 
+    @cached_property
+    def kind(self) -> Backbone:
+        """What its backbone's name stands for; it is looked up before torch compiles, which cannot trace that."""
+        return backbone(self.backbone)
+
     @property
     def adaptation(self) -> Adaptation:
         """Estimator of a network that adapts."""
-        return backbone(self.backbone).adaptation(self)
+        return self.kind.adaptation(self)
 
     @property
     def columns(self) -> Layout:
         """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/policies.md)."""
-        return backbone(self.backbone).columns(self)
+        return self.kind.columns(self)
 
     def preprocessed(self, observation: Columns) -> list[Field]:
         """Columns of a reading (`read_count`), of those of an observation; all are fields, as everywhere here."""
-        return backbone(self.backbone).preprocessed(self, observation)
+        return self.kind.preprocessed(self, observation)
 
     def ahead(self, columns: Columns) -> Columns | None:
         """The way to go, of them, that chooses a side of the spacecraft; None where all sides are one."""
@@ -266,7 +273,7 @@ class Architecture:
 
     def parts(self) -> dict[str, nn.Module]:
         """Everything that is learnt, by how its names begin, in the order of SB3."""
-        rows = backbone(self.backbone).rows(self)
+        rows = self.kind.rows(self)
         return {
             EXTRACTOR: nn.ModuleDict(self.modules()),
             "action_net.": nn.Linear(self.features, rows),

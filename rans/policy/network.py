@@ -14,7 +14,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import backbone
 from rans.policy.heads import Distribution, OnOff
 from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, viewed
 from rans.policy.preprocess import (
@@ -61,7 +60,7 @@ class Network(Remembering):
             architecture.nominal or (1.0,) * architecture.privileged
         )
         # Before a CUDA graph is recorded, which may not copy from a CPU.
-        self._backbone = backbone(architecture.backbone)
+        self._backbone = architecture.kind
         self.tables = self._backbone.tables(architecture, self._mean)
         program = Program()
         outputs = self._backbone.traced(program, architecture, "features")

@@ -17,7 +17,6 @@ from torch.nn.functional import one_hot
 
 from rans.model.fields import Field, tanh, within
 from rans.policy.adaptation import Estimate, Rows
-from rans.policy.backbone_registry import backbone
 from rans.policy.symmetry import Symmetries
 
 if TYPE_CHECKING:
@@ -91,9 +90,7 @@ class TorchPreprocessor(ColumnExecutor):
             estimate = self._estimate(read, memory)
             gains = [gain[:, 0] for gain in estimate.gains]
             lost = estimate.shut.sum(dim=1)
-            columns = backbone(architecture.backbone).adapted(
-                architecture, read.unbind(dim=1), gains, lost
-            )
+            columns = architecture.kind.adapted(architecture, read.unbind(dim=1), gains, lost)
             return (
                 torch.cat((torch.stack(columns, dim=1), *estimate.known), dim=1),
                 torch.zeros_like(rows[:, 0], dtype=torch.int64),

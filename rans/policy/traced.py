@@ -16,7 +16,6 @@ import torch
 from rans.model.fields import Field
 from rans.policy.adaptation import Rows
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import backbone
 from rans.policy.memory import averaged
 from rans.policy.network import Network
 from rans.policy.preprocess import magnified, normalised
@@ -104,7 +103,7 @@ def _adapting(
     symbols = inputs("read", len(read)), inputs("gain", 2)
     (symbol,) = inputs("lost", 1)
     columns = program.lowered(
-        backbone(architecture.backbone).adapted(architecture, *symbols, symbol),
+        architecture.kind.adapted(architecture, *symbols, symbol),
         dict(zip((*symbols[0], *symbols[1], symbol), (*read, *estimate.gains, lost), strict=True)),
     )
     row = program.joined(*columns)
@@ -124,7 +123,7 @@ def _adapting(
 def _tell_whereabouts(program: Program, architecture: Architecture, row: str) -> None:
     """Add rows that the backbone needs beside features, from the columns (`Backbone.known`)."""
     symbols = inputs("column", architecture.column_count)
-    for name, numbers in backbone(architecture.backbone).known(architecture, symbols).items():
+    for name, numbers in architecture.kind.known(architecture, symbols).items():
         names = dict(zip(symbols, program.single(row, len(symbols)), strict=True))
         program.joined(*program.lowered(numbers, names), name=name)
 
@@ -174,7 +173,7 @@ def _commands(
     for number, (width, units) in enumerate(zip(widths, architecture.layers, strict=False)):
         x = program.dense(x, f"trunk.{2 * number}", units, width, architecture.activation)
     outputs = program.split(
-        backbone(architecture.backbone).traced(program, architecture, x),
+        architecture.kind.traced(program, architecture, x),
         [architecture.thrusters] * architecture.last.outputs,
     )
     # Outputs in the order of the craft's thrusters.

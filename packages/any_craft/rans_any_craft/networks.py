@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 import torch
 
+from rans import RansWarning
 from rans.extend import (
     Architecture,
     ConfigError,
@@ -250,6 +251,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
                 f"{craft.name} has a {allowed.name} of {figure}, and the agent for any craft was "
                 f"trained {allowed.text()}: it may not reach its goals. `rans train` makes an agent for this "
                 "craft alone.",
+                RansWarning,
                 stacklevel=2,
             )
     # What changes with the craft; weights stay.

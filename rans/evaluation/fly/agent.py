@@ -20,7 +20,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.flight import Controller, informed
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.policy.backbone_registry import backbone
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.randomization.plausible import warn_of_implausible
@@ -53,7 +52,7 @@ class Agent:
         architecture = designed.network.architecture
         if conditions is None or not conditions.has_faults:
             return designed
-        for_faults = backbone(architecture.backbone).for_faults(architecture)
+        for_faults = architecture.kind.for_faults(architecture)
         if for_faults is architecture:
             return designed
         network = Network(for_faults, designed.network.tensors, at=designed.network.at)

@@ -26,7 +26,7 @@ from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import ESTIMATORS
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import BACKBONES, backbone
+from rans.policy.backbone_registry import BACKBONES
 from rans.policy.heads import HEADS
 from rans.policy.network import Network
 from rans.policy.symmetry import Symmetries
@@ -304,7 +304,7 @@ def _check_craft(architecture: Architecture) -> None:
     bank, views = architecture.filters, architecture.symmetries
     if bank is not None and not bank.fits(architecture.layout.body, architecture.thrusters):
         raise ValueError("its filters are of another spacecraft")
-    backbone(architecture.backbone).check(architecture)
+    architecture.kind.check(architecture)
     if views is not None and not _are_views(views, architecture):
         raise ValueError("its symmetries are of another spacecraft")
     if architecture.nominal and len(architecture.nominal) != architecture.privileged:
