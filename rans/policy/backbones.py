@@ -89,7 +89,14 @@ class Backbone(ABC):
 
     def check(self, architecture: Architecture) -> None:
         """Refuse (`ValueError`) numbers of an agent's file that no such network has."""
-        if architecture.tokens or architecture.authority or architecture.adapts:
+        of_others = (
+            architecture.tokens,
+            architecture.authority,
+            architecture.frugal,
+            architecture.reach,
+            architecture.filling,
+        )
+        if any(of_others) or architecture.adapts:
             raise ValueError(
                 f"it has numbers that its backbone {brief(architecture.backbone)} lacks"
             )

@@ -35,7 +35,6 @@ tuned settings."""
 
 MODULES = {
     "mpc": ("casadi",),
-    "mpc-observer": ("casadi",),
     "optimal": ("casadi", "numba"),
 }
 """Modules of `rans.errors.EXTRAS` that opponents of a comparison need."""
