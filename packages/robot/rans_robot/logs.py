@@ -228,7 +228,7 @@ def _dated(
         name = prefix + topic
         if not (stamps > 0).all() or (len(stamps) > 1 and np.ptp(stamps) == 0):
             notes.append(
-                f"{source}: {name} has no time stamps in its headers; its readings are dated by when they were "
+                f"{source}: {name} lacks time stamps in headers; its readings are dated by when they were "
                 "recorded, which a link makes late and uneven: forces and delays err by it, beyond their intervals."
             )
             times[topic] = arrived

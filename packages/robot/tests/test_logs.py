@@ -155,7 +155,7 @@ def test_a_simulator_slower_than_real_time_is_refused(tmp_path):
 def test_without_stamps_the_times_are_those_of_the_bag_and_that_is_said(tmp_path):
     log = read_bag(recorded(tmp_path / "flight.mcap", stamp=lambda _: 0), PLATFORM)
     assert log.times == pytest.approx(0.2 * np.arange(30))
-    assert any("pose has no time stamps" in note for note in log.notes)
+    assert any("pose lacks time stamps" in note for note in log.notes)
 
 
 def test_topics_below_a_namespace_are_named_and_read(tmp_path):
