@@ -268,8 +268,7 @@ def export(
 
     Args:
         agent: run folder of the agent, or the name of one that comes with RANS; any-craft-2d@mine.toml is exported
-            for that craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, exported as it is (c,
-            numpy or onnx).
+            for that craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, copied by the format onnx.
         output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
             agent.
         format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte) or fmu. None has the

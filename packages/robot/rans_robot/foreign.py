@@ -76,13 +76,13 @@ def write_foreign_export(
             "from the networks of agents that RANS trained."
         )
     parsed = ContestantName.parse(spec)
-    run = contestant(spec)
     file = parsed.policy_file
     if file is None or not parsed.name.startswith("onnx:"):
         raise ConfigError(
             f"{brief(spec)} is no ONNX network, which alone is exported. Let its own library write ONNX, as "
             "examples/trainers do by --save FILE, and export onnx:FILE:TASK-2d."
         )
+    run = contestant(spec)
     policy: Any = run.controller
     width = observation_width(run.task, run.craft.dimension)
     if policy.decide(np.zeros((1, width), np.float32), None)[1] is not None:
