@@ -271,7 +271,12 @@ class Identification:
                 f"The logs do not determine: {', '.join(silent)}. Their intervals are those assumed before; fire "
                 "thrusters that the flight did not fire, one at a time and in both directions."
             )
-        coloured = [channel for channel in self.channels() if not channel.is_white]
+        # Below the least noise residuals are those of the grid, for which intervals are wide enough.
+        coloured = [
+            channel
+            for channel in self.channels()
+            if not channel.is_white and self.fit.noise[channel.name] > LEAST_NOISE
+        ]
         if coloured:
             names = ", ".join(f"{pair.name} ({pair.correlation:+.2f})" for pair in coloured)
             result.append(

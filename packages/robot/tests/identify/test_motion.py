@@ -9,6 +9,7 @@ import pytest
 from rans_robot.identify.fit import WINDOW, fit, parameters_of, physics_of
 from rans_robot.identify.log import FlightLog
 from rans_robot.identify.motion import Thrust, predicted
+from rans_robot.identify.result import Identification
 
 from campaigns.identification import hidden_flights
 from rans import SensorsConditions
@@ -117,6 +118,7 @@ def test_windows_grow_while_the_model_is_right():
     error = found.values - values
     # Errors weighed by their covariance: 16 squares, below 39.3 in 999 of 1,000 samples.
     assert float(error @ np.linalg.solve(found.covariance, error)) < 39.3
+    assert "too narrow" not in " ".join(Identification(found).notes())
     # The readings' noise is 0.0087 rad; a torque of 0.3 N m of the wrong sign turns by more in a window.
     wrong = fit(PLATFORM, [replace(log, commands=log.commands[:, [1, 0, *range(2, 8)]])])
     assert wrong.noise["attitude"] > 0.03
