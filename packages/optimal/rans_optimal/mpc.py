@@ -165,7 +165,7 @@ class MPC(LQR):
     def _goals(self, state: Any, goal: Any) -> np.ndarray:
         """(fields of the goal, horizon + 1, N): now and after every period of the plan.
 
-        The solver's parameters have fields of a goal in the order of `rans.fields.leaves`.
+        The solver's parameters have fields of a goal in the order of `rans.model.fields.leaves`.
         """
         period = self._timing.control_period
         horizon = self._plans.shape[2]
