@@ -142,7 +142,7 @@ def plan(confidence: float, episodes: int | None, below: float | None = None) ->
     error = 1.0 - confidence
     if below is None:
         if episodes is None:
-            raise ConfigError("give a number of episodes, or a wanted bound (--below).")
+            raise ConfigError("give a number of episodes, or a wanted bound (--failure-below).")
         return CampaignPlan((Look(episodes, error, error),), confidence)
     # Numbers of flights that show the bound without a failure: at the last stage, and at the first late one.
     least, first = (
