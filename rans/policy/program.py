@@ -198,7 +198,7 @@ class Program:
 
 
 def _clipped(symbol: Symbol) -> tuple[Symbol, ...] | None:
-    """A symbol and its two bounds, where this one is the larger and then the smaller of two."""
+    """(x, low, high) of a symbol min(max(x, low), high) with constant bounds; None of another symbol."""
     inner = symbol.args[0]
     if (symbol.operation, inner.operation) != ("minimum", "maximum"):
         return None

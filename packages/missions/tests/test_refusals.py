@@ -12,6 +12,7 @@ from rans_missions.control.corridor import Corridor
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.guard import safety_filter
+from rans_missions.guard.manoeuvres import check_throttles
 from rans_missions.tasks import (
     Avoid,
     Dock,
@@ -19,7 +20,6 @@ from rans_missions.tasks import (
     FinalApproach,
     Hold,
     Inspect,
-    Land,
     Rendezvous,
     TargetOrbit,
 )
@@ -89,7 +89,8 @@ CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
 ]
 FILTERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: safety_filter(Setup(PLATFORM, GoToPose())), "GoToPose has none"),
-    (lambda: safety_filter(Setup(LANDER, Land())), r"cannot be shut|opposite"),
+    (lambda: check_throttles(LANDER), "cannot be shut"),
+    (lambda: check_throttles(load_spacecraft("cubesat-3u")), "opposite pairs"),
 ]
 
 

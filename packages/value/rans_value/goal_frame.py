@@ -51,7 +51,13 @@ def parted(state: Tensor) -> tuple[Tensor, ...]:
 
 
 def equivalent(state: Tensor, turn: Tensor, hand: Tensor) -> Tensor:
-    """States (rows, N) as seen from other sides of a craft, see `rans.policy.symmetry.Symmetries`."""
+    """States (rows, N) as seen from other sides of a craft, see `rans.policy.symmetry.Symmetries`.
+
+    Args:
+        state: (rows, N), see `parted`.
+        turn: (d, d) of one side for all, or (N, d, d): rotation or mirror of the frame in d dimensions.
+        hand: () or (N,): 1 of a rotation, -1 of a mirror.
+    """
     p, attitude, v, w, rest = parted(state)
 
     def seen(rows: Tensor) -> Tensor:

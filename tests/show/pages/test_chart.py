@@ -56,6 +56,7 @@ def test_names_are_neither_mathematics_nor_mark_up_and_unknown_markers_are_discs
     assert "<b>" not in svg(charts_figure([chart]))
     html = Page("t", [Section("s", pictures=[Picture.of(replace(chart, caption="<b>"))])]).html()
     assert "<b>" not in html
+    assert "&lt;b&gt;</figcaption>" in html
     assert html.count('<img src="data:image/svg+xml;base64,') == 1
 
 

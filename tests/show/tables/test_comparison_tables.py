@@ -165,7 +165,7 @@ def test_gaps_leave_out_what_has_no_bound():
     assert found["settling time"]["agent"].tolist() == [4.0, 8.0]  # of a bound of 0.25 s
     assert "best found" not in found["settling time"]
     assert all(
-        len(ratios["agent"]) == 1 for question, ratios in found.items() if "thrust" in question
+        len(ratios["agent"]) == 1 for question, ratios in found.items() if "impulse" in question
     )
 
 
