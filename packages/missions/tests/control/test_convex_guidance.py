@@ -7,15 +7,31 @@ from typing import Any
 import numpy as np
 import pytest
 from rans_missions.bounds.transfers import transfer_bounds
-from rans_missions.control.convex_guidance import ConvexGuidance
+from rans_missions.control.convex_guidance import ConvexGuidance, _tightened
 from rans_missions.tasks import Dock
 
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
+from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import scenarios
+from rans.tasks.shapes import Ball, Cone, SpeedLimit
 
 DEPUTY = load_spacecraft("afrl-deputy")
+
+
+X, ZERO = Vec2(1.0, 0.0), Vec2(0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    "limit",
+    [Ball(ZERO, ZERO, 1.0), Cone(ZERO, X, 0.5, 9.0), SpeedLimit(ZERO, 0.5, 0.1)],
+    ids=lambda limit: type(limit).__name__,
+)
+def test_a_reserve_makes_every_limit_tighter(limit):
+    """What keeps the tighter limit keeps the limit with room to spare."""
+    place, velocity = Vec2(2.0, 0.9), Vec2(0.3, 0.4)
+    assert 0.0 < _tightened(limit, 0.1).gap(place, velocity) < limit.gap(place, velocity)
 
 
 @pytest.mark.slow
