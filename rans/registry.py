@@ -10,6 +10,7 @@ import ast
 import contextlib
 import importlib
 import importlib.util
+import inspect
 import os
 import sys
 import warnings
@@ -191,7 +192,12 @@ class Registry(Mapping[str, T]):
         return keep
 
     def _checked(self, found: Any) -> T:
-        """A loaded object, converted and checked."""
+        """A loaded object, converted and checked; a class that lacks methods is refused here."""
+        if isinstance(found, type) and inspect.isabstract(found):
+            missing = ", ".join(sorted(found.__abstractmethods__))  # pyrefly: ignore[missing-attribute]
+            raise ConfigError(
+                f"{found.__name__} has no {missing}, which every {self._kind} must have."
+            )
         check: Callable[[Any], T] = (
             resolve(self._check) if isinstance(self._check, str) else self._check
         )
@@ -278,13 +284,15 @@ class Registry(Mapping[str, T]):
         """Context whose errors say which object of which package (by default that of its name) cannot be used."""
         try:
             yield
-        except ConfigError as error:
+        except Exception as error:  # code of packages may raise anything as it is checked
             package = package or self.package(name)
-            if isinstance(error, MissingPackage) and not package:
-                raise  # it says what to install, and Python's `except ImportError` finds it
+            ours = not isinstance(error, ConfigError) and name in self.built_in
+            if ours or (isinstance(error, MissingPackage) and not package):
+                raise  # what to install it says itself, and Python's `except ImportError` finds it
             of = f" of the package {package}" if package else ""
+            reason = error if isinstance(error, ConfigError) else _raised(error)
             raise ConfigError(
-                f"the {self._kind} {brief(name)}{of} cannot be used: {error}"
+                f"the {self._kind} {brief(name)}{of} cannot be used: {reason}"
             ) from error
 
     def _resolve(self, name: str) -> Any:
@@ -452,6 +460,9 @@ def resolve(reference: str, file: str = "") -> Any:
             and not is_installed(missing)
         ):
             raise MissingPackage(missing) from error
-        raise ConfigError(
-            of_user_code(error) or f"{type(error).__name__}: {first_line(error)}."
-        ) from error
+        raise ConfigError(_raised(error)) from error
+
+
+def _raised(error: BaseException) -> str:
+    """An exception of somebody else's code as a sentence, with file and line where they tell."""
+    return of_user_code(error) or f"{type(error).__name__}: {first_line(error)}."

@@ -14,6 +14,7 @@ import gymnasium
 import pytest
 
 from rans import ConfigError
+from rans.effectors.effector import Begun, Effector
 from rans.registry import Registry, typed
 from rans.tasks import TASKS, GoToPose, SingleTask
 from tests.support.processes import printed
@@ -22,11 +23,14 @@ MODULE = """
 import sys
 sys.modules["loaded_witness"] = sys
 number = 7
+def faulty(): return number.of_craft
 text = "seven"
 """
 
 
 def number(found: Any) -> int:
+    if callable(found):
+        found = found()
     if not isinstance(found, int):
         raise ConfigError(f"it is no number, got {found!r}.")
     return found
@@ -84,6 +88,7 @@ def test_names_import_nothing_until_they_are_used(install):
             "offer:missing",
             "of the package offer cannot be used: offer has no 'missing'",
         ),
+        ("offer:faulty", "of the package offer cannot be used: offer.py, line .* AttributeError"),
         ("offer:text", "of the package offer cannot be used: it is no number, got 'seven'"),
     ],
 )
@@ -207,6 +212,13 @@ class Unfinished(SingleTask):
     """It has next to nothing of a task."""
 
     length: float = 1.0
+
+
+@dataclass(frozen=True)
+class Mute(Effector):
+    """It takes no commands, and does not say so."""
+
+    def begin(self, begun: Begun) -> None: ...
 
 
 @dataclass(frozen=True)

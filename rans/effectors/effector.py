@@ -156,9 +156,10 @@ class JointMotion(Action):
 class Effector(ABC):
     """Base class of effectors: thrusters, propellant, reaction wheels, or a kind of your own.
 
-    Derive a frozen dataclass of numbers and put an instance into `rans.Spacecraft.further_effectors`: action
-    spaces, policies, kernels, exports and figures follow from `commands` and `stores`. Drake needs a description
-    of its own (`rans.reference.further.DrakeEffector`). All methods are pure functions over fields.
+    Derive a frozen dataclass of numbers, write its `commands` (a property; an empty tuple: none) and `begin`, and
+    put an instance into `rans.Spacecraft.further_effectors`: action spaces, policies, kernels, exports and figures
+    follow from `commands` and `stores`. Drake needs a description of its own
+    (`rans.reference.further.DrakeEffector`). All methods are pure functions over fields.
 
     Effectors of packages have a name in `rans.model.spacecraft_file.EFFECTORS`, and a table of that name in the
     file of a spacecraft.

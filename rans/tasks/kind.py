@@ -1,4 +1,4 @@
-"""What a registered task must be: a dataclass with defaults, all methods, and errors that its tolerances bound."""
+"""What a registered task must be: a dataclass with defaults, and errors that its tolerances bound."""
 
 from __future__ import annotations
 
@@ -17,16 +17,12 @@ from rans.tasks.results import check_results
 
 
 def checked(found: Any) -> type[Any]:
-    """The class, checked to be a task: a dataclass with defaults and all methods of tasks."""
+    """The class, checked to be a task: a dataclass with defaults."""
     if not (
         isinstance(found, type) and issubclass(found, Task) and dataclasses.is_dataclass(found)
     ):
         raise ConfigError(
             f"a task must be a dataclass derived from rans.tasks.SingleTask, got {brief(found)}."
-        )
-    if missing := sorted(found.__abstractmethods__):  # pyrefly: ignore[missing-attribute]
-        raise ConfigError(
-            f"{found.__name__} has no {', '.join(missing)}, which every task must have."
         )
     without_default = [
         field.name
