@@ -168,7 +168,7 @@ class Registry(Mapping[str, T]):
             if len(entries) < 2:
                 yield name, self[name]
             for entry in entries if len(entries) > 1 else ():
-                with self._of_package(name, entry.dist.name if entry.dist else "unknown"):
+                with self.of_package(name, entry.dist.name if entry.dist else "unknown"):
                     found = self._checked(resolve(entry.value, name))
                 yield name, found
 
@@ -276,12 +276,16 @@ class Registry(Mapping[str, T]):
                 f"there is no {self._kind} named {brief(name)}{near}; known are "
                 f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
             )
-        with self._of_package(name):
+        with self.of_package(name):
             return self._checked(self._resolve(name))
 
     @contextlib.contextmanager
-    def _of_package(self, name: str, package: str = "") -> Iterator[None]:
-        """Context whose errors say which object of which package (by default that of its name) cannot be used."""
+    def of_package(self, name: str, package: str = "") -> Iterator[None]:
+        """Context whose errors say which object of which package (by default that of its name) cannot be used.
+
+        Raises:
+            ConfigError: code of a package has raised any exception, or an object is not valid.
+        """
         try:
             yield
         except Exception as error:  # code of packages may raise anything as it is checked

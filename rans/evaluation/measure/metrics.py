@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans import verdict
+from rans.errors import ConfigError, brief
 from rans.flight import Flight
 from rans.model.dynamics import mean_thrust
 from rans.registry import Registry
@@ -60,9 +61,28 @@ FURTHER: Registry[Callable[[Flight], Iterator[Sample]]] = Registry(
 
 
 def further_samples(flight: Flight) -> Iterator[Sample]:
-    """Metrics of installed packages."""
-    for _, of in FURTHER.each():
-        yield from of(flight)
+    """Metrics of installed packages.
+
+    Raises:
+        ConfigError: one of them fails, or has no value for each episode; the message names it and its package.
+    """
+    for name, of in FURTHER.each():
+        with FURTHER.of_package(name):
+            found = [_checked(sample, flight.commands.shape[1]) for sample in of(flight)]
+        yield from found
+
+
+def _checked(sample: Any, episodes: int) -> Sample:
+    """A metric of somebody else, with its values as an array; numbers that are not finite are values too."""
+    if not isinstance(sample, Sample):
+        raise ConfigError(f"it must yield objects of rans.extend.Sample, got {brief(sample)}.")
+    values = np.asarray(sample.values)
+    if values.shape != (episodes,) or values.dtype.kind not in "biuf":
+        raise ConfigError(
+            f"the metric {brief(sample.name)} must have a number or truth value for each episode, of shape "
+            f"({episodes},), got shape {values.shape} of type {values.dtype}."
+        )
+    return sample._replace(values=values)
 
 
 def samples(flight: Flight) -> Iterator[Sample]:

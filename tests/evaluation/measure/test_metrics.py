@@ -1,6 +1,7 @@
 import json
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,8 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from rans.errors import ConfigError
 from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.evaluation.measure.metrics import (
+    FURTHER,
+    Sample,
     arrival_times,
     settling_times,
     staying_times,
@@ -81,6 +85,37 @@ def test_json_round_trip_with_infinite_values():
     measured = measure(two_episodes())
     text = json.dumps(plain(measured.to_json()), allow_nan=False)
     assert Metrics.from_json(json.loads(text)) == measured
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        (0.5, r"'gust' must .* \(2,\), got shape \(\) "),
+        ([0.5], r"got shape \(1,\)"),
+        (["a", "b"], "got shape .* type <U1"),
+        (None, "type object"),
+    ],
+)
+def test_a_metric_of_a_package_is_asked_for_a_number_an_episode(values, said, monkeypatch):
+    monkeypatch.setattr(FURTHER, "own", {"mine": lambda _: [_gust(values)]})
+    with pytest.raises(ConfigError, match=f"group of metrics 'mine' cannot be used.*{said}"):
+        measure(two_episodes())
+
+
+def test_a_package_that_yields_no_metrics_or_fails_is_named(monkeypatch):
+    for wrong, said in ((lambda _: _gust([1.0, 2.0]), "Sample, got"), (len, "TypeError")):
+        monkeypatch.setattr(FURTHER, "own", {"mine": wrong})
+        with pytest.raises(ConfigError, match=f"'mine' cannot be used: .*{said}"):
+            measure(two_episodes())
+
+
+def test_a_metric_of_a_package_may_be_a_list_and_not_finite(monkeypatch):
+    monkeypatch.setattr(FURTHER, "own", {"mine": lambda _: [_gust([math.nan, 1.0])]})
+    assert math.isnan(measure(two_episodes())["gust"].value)
+
+
+def _gust(values: Any) -> Sample:
+    return Sample("motion", "gust", "of the wind", "m/s", values)
 
 
 def test_nan_states_are_never_successes():
