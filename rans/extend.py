@@ -12,6 +12,7 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from rans.display import meanings
 from rans.lazy import homes
 
 if TYPE_CHECKING:
@@ -251,8 +252,26 @@ _HOMES = homes(__file__)
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        return getattr(importlib.import_module(_HOMES[name]), name)
+        found = getattr(importlib.import_module(_HOMES[name]), name)
+        is_row = isinstance(found, type) and hasattr(found, "_fields")
+        if is_row and isinstance(text := vars(found)["__doc__"], str):
+            found.__doc__ = _WithFields(text)
+        return found
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+
+
+class _WithFields:
+    """Docstring of a NamedTuple with those of its fields, for which Python's `help` has none.
+
+    Their source is read where somebody asks for it.
+    """
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+
+    def __get__(self, _: object, described: type) -> str:
+        fields = (f"{name}: {meaning}" for name, meaning in meanings(described).items())
+        return "\n\n".join((self._text, *(f"    {field}" for field in fields)))
 
 
 def __dir__() -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.metadata
 import inspect
+import pydoc
 import re
 import tomllib
 from collections import Counter
@@ -15,6 +16,7 @@ import rans
 from rans import TASKS, extend
 from rans.abilities import PUBLIC
 from rans.cli.commands import COMMANDS
+from rans.display import meanings
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.registry import resolve
@@ -116,6 +118,15 @@ def test_what_packages_build_on_is_named_in_one_module():
         made = getattr(value, "__name__", "") == "<lambda>"
         if (isinstance(value, type) or inspect.isfunction(value)) and not made:
             assert value.__doc__, name
+
+
+def test_help_has_the_fields_of_rows_that_packages_write():
+    for row in (extend.Event, extend.Format, extend.Sample):
+        told = pydoc.plain(pydoc.render_doc(row))
+        fields = meanings(row)
+        assert fields
+        for name, text in fields.items():
+            assert told.count(f"{name}: {text}") == 1
 
 
 def test_tests_that_docstrings_name_exist():
