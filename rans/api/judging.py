@@ -234,8 +234,8 @@ def compare(
     check_beside(beside)
     if certified and beside is not None and "optimal" not in beside:
         raise ConfigError(
-            f"certified asks for bounds from {bounded:,} of the starts, and only optimal brings bounds: name it "
-            "with the controllers that join (--with lqr optimal), or leave certified out."
+            f"certified asks for bounds from {bounded:,} of the starts, which join as optimal, a task's own too: "
+            "name it with the controllers that join (--with lqr optimal), or leave certified out."
         )
     # The first contestant sets task, craft, starts and conditions for all.
     entrants = [entrant for one in invited for entrant in at_values(one)]

@@ -34,9 +34,10 @@ class Compare(Options):
     """Fly agents, policies and controllers from the same starts, and compare them with what is possible.
 
     Writes compare.html and compare.json. The file of a spacecraft alone, mine.toml, is any-craft-2d or any-craft-3d
-    at five values, fast to frugal. Bounds are kept for the next run. --full prints all scores and the certified
-    gaps too; the page always has all scores that were computed. All contestants are checked before any flies. If
-    one fails in flight, the others are still compared, and the exit code is 1. docs/protocol.md defines the scores.
+    at five values, fast to frugal. Bounds are kept for the next run. --full prints all scores, and beside
+    optima the certified gaps; the page always has all that were computed. All contestants are checked before any
+    flies. If one fails in flight, the others are still compared, and the exit code is 1. docs/protocol.md defines
+    the scores.
     """
 
     group = "Judge"
@@ -122,17 +123,14 @@ def _show(comparison: Comparison, full: bool) -> None:
         )
         return
     # Relaxed optima, multiples of bounds, and the bound of a mission.
-    further = []
-    if full:
+    further = [tables.relaxed_table(comparison)] if full else []
+    if full or not comparison.relaxed:  # Beside optima, bounds are a further question.
         starts = counted(len(comparison.certified_starts()), "start")
         title = f"Median multiple of the bound of the same event, {starts}"
-        further += [
-            tables.relaxed_table(comparison),
-            tables.gap_table(tables.gaps(comparison), title),
-        ]
-        if (mission := comparison.mission) is not None:
-            title = f"Over the certified least {mission.spending}, start by start"
-            further.append(Table(*mission.table(comparison.entries), title))
+        further.append(tables.gap_table(tables.gaps(comparison), title))
+    if full and (mission := comparison.mission) is not None:
+        title = f"Over the certified least {mission.spending}, start by start"
+        further.append(Table(*mission.table(comparison.entries), title))
     for table in further:
         if table.rows:
             console.table(table)

@@ -23,12 +23,13 @@ class Problem:
     bounded: Callable[[Contest], bool]
     """Whether the starts of a contest have bounds."""
     bounds: Reference
-    """Adds the bounds of first starts to a comparison whose contest is `bounded` (`Comparison.mission`)."""
+    """Adds the bounds of first starts to a comparison whose contest is `bounded`: of what a mission spends
+    (`Comparison.mission`), or of some of `Comparison.events` (`Comparison.certified`)."""
     opponents: tuple[str, ...] = ()
     """Default opponents of comparisons (`rans.evaluation.fly.controllers.BESIDE`); empty: those of any task."""
     solve: Callable[[Any, Spacecraft, Task], int] | None = None
     """What ``rans optimal`` does: of the command, craft and task, its exit code. None:
-    such a task has no optimum that the command computes."""
+    the best trajectory, as for other tasks, unless the task remembers."""
 
     @staticmethod
     def of(task: Task) -> Problem | None:

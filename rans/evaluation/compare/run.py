@@ -138,10 +138,12 @@ class Comparison(NotebookRepr):
         steps = {max(1, math.ceil(time / timing.control_period - 1e-9)) for time in times}
         return tuple(k * timing.control_period for k in sorted(steps))
 
-    def certified_starts(self) -> list[int]:
-        """Numbers of the starts whose bounds are all known."""
-        counts = [c.start for c in self.certified]
-        return [k for k in sorted(set(counts)) if counts.count(k) == len(self.events())]
+    def certified_starts(self, *events: Event) -> list[int]:
+        """Numbers of the starts with a bound of each of these events; where none is named, with any bound."""
+        known: dict[int, set[Event]] = {}
+        for bound in self.certified:
+            known.setdefault(bound.start, set()).add(bound.event)
+        return [k for k in sorted(known) if known[k].issuperset(events)]
 
     def events(self) -> list[Event]:
         """Events that are measured and bounded: arrival and settling, and arrival by each horizon."""
@@ -152,12 +154,13 @@ class Comparison(NotebookRepr):
         ]
 
     def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
-        """Lower and upper bounds of the certified starts for one event."""
+        """Lower and upper bounds of one event, from its `certified_starts`."""
         answers = {c.start: c for c in self.certified if c.event == event}
-        rows = [answers[k] for k in self.certified_starts()]
+        rows = [answers[k] for k in sorted(answers)]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
         if event.kind == "settling" and rows:
-            lower = np.minimum(lower, certificates().last_watched(self.contest))
+            with contextlib.suppress(ConfigError):  # A task's own bounds need no certificates.
+                lower = np.minimum(lower, certificates().last_watched(self.contest))
         return Amounts(event, lower), Amounts(event, upper)
 
     def impossible(self) -> list[str]:
@@ -170,9 +173,12 @@ class Comparison(NotebookRepr):
         ]
 
     def _beaten(self, entry: Entry) -> list[int]:
-        starts = np.array(self.certified_starts(), dtype=int)
-        low = [entry.amounts(event)[starts].below(self.bounds(event)[0]) for event in self.events()]
-        return [int(k) for k in starts[np.any(low, axis=0)]]
+        beaten: set[int] = set()
+        for event in self.events():
+            starts = np.array(self.certified_starts(event), dtype=int)
+            low = entry.amounts(event)[starts].below(self.bounds(event)[0])
+            beaten.update(starts[low].tolist())
+        return sorted(beaten)
 
     def quick_and_slow(self, opponents: Sequence[str] | None) -> tuple[list[str], list[str]]:
         """Opponents that answer in seconds, which fly first, and the slow ones after them; see `fly`."""
@@ -189,7 +195,8 @@ class Comparison(NotebookRepr):
         self.is_partial = True
         stage = f' in the stage "{self.stage}"' if self.stage else ""
         flown = counted(len(self.entries), "contestant")
-        count = len(self.certified_starts() if self.mission is None else self.mission.lower)
+        complete = self.certified_starts(*self.events())
+        count = len(complete if self.mission is None else self.mission.lower)
         asked = min(certified, self.contest.episodes)
         bounds = f"bounds were computed from {count} of {asked} starts"
         if not count:
@@ -265,7 +272,20 @@ class Comparison(NotebookRepr):
                         workers=workers,
                         returns=returns,
                     )
+            self._drop_unmeasured()
             self.failures += self.impossible()
+
+    def _drop_unmeasured(self) -> None:
+        """Say which bounds are of no start or event of the comparison, and leave them out."""
+        starts = range(self.contest.episodes)
+        events = self.events()
+        for bound in [*self.certified]:
+            if bound.start not in starts or bound.event not in events:
+                self.certified.remove(bound)
+                self.failures.append(
+                    f"{bound} is compared with nothing: it must be of a start < {len(starts)} and an event of "
+                    "Comparison.events()."
+                )
 
     @contextlib.contextmanager
     def noting(self, what: str) -> Iterator[None]:
@@ -307,7 +327,8 @@ def _entry(
 
 Reference = Callable[..., None]
 """Adds to a comparison what is possible from its starts, each part as soon as it is finished: optima
-(`Comparison.relaxed`), bounds (`Comparison.certified`), or a note that says why there are none. Its arguments are
+(`Comparison.relaxed`), bounds (`Comparison.certified`, of any of `Comparison.events`: a start counts for the events
+that have one), or a note that says why there are none. Its arguments are
 the comparison and, by their names, those of `Comparison.fly` from ``certified`` to ``returns``."""
 REFERENCES: Registry[Reference] = Registry(
     kind="reference of comparisons",

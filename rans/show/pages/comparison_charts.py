@@ -22,7 +22,8 @@ def plane_chart(comparison: Comparison) -> Chart:
 
     All are over the same starts: the certified ones if there are any, otherwise all.
     """
-    starts = comparison.certified_starts() or list(range(comparison.contest.episodes))
+    certified = comparison.certified_starts(Event())
+    starts = certified or list(range(comparison.contest.episodes))
     bootstrap = Bootstrap(len(starts))
     series = [*_relaxed(comparison, starts)]
     series += [
@@ -30,12 +31,12 @@ def plane_chart(comparison: Comparison) -> Chart:
     ]
     shaded = []
     bound = ""
-    if comparison.certified_starts():
+    if certified:
         least = float(np.median(comparison.bounds(Event())[0].values))
         what = "the median" if len(starts) > 1 else "the time"
         shaded.append((0.0, least))
         bound = f"; the shaded times are provably impossible: {what} is at least {least:.2f} s"
-        series = [*_certified(comparison), *series]
+        series = [*_certified(comparison, starts), *series]
     return Chart(
         "first in the goal set, s",
         "impulse until then, N s",
@@ -51,9 +52,15 @@ def _over(count: int) -> str:
     return f", medians over {count:,} starts with 95 % intervals" if count > 1 else " from 1 start"
 
 
-def _certified(comparison: Comparison) -> Iterator[Series]:
-    """Least impulse at each horizon, and the best controls that were found."""
-    horizons = comparison.horizons()
+def _certified(comparison: Comparison, starts: list[int]) -> Iterator[Series]:
+    """Least impulse at each horizon that is bounded from these starts, and the best controls that were found."""
+    horizons = [
+        horizon
+        for horizon in comparison.horizons()
+        if comparison.certified_starts(Event(horizon=horizon)) == starts
+    ]
+    if not horizons:
+        return
     lower, upper = np.transpose(
         [
             [np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]

@@ -157,7 +157,7 @@ def _over_bounds(comparison: Comparison) -> Iterator[dict[str, str]]:
         yield {
             "label": f"over the certified least {event}",
             "value": f"{over:.3g} x" if np.isfinite(over) else "never",
-            "note": f"of {counted(len(comparison.certified_starts()), 'start')}",
+            "note": f"of {counted(len(ratios[first.name]), 'start')}",
         }
 
 
@@ -261,7 +261,7 @@ def time_and_impulse(comparison: Comparison) -> Chart | None:
     """Time and impulse when first in the goal set; None: missions that end have figures of their own."""
     if not comparison.entries:
         return None
-    if comparison.entries[0].ends and not comparison.certified_starts():
+    if comparison.entries[0].ends and not comparison.certified_starts(Event()):
         return None
     chart = plane_chart(comparison)
     return None if chart.is_empty else chart
@@ -279,7 +279,7 @@ def _plane(comparison: Comparison) -> Iterator[Section]:
             "median of many starts can still lie below a bar, if the contestant is early from some of them and "
             "late from others. The dotted line only guides the eye."
         )
-        if len(comparison.certified_starts()) > 1
+        if len(comparison.certified_starts(Event())) > 1
         else ""
     )
     yield Section("Time and impulse", text, pictures=[Picture.of(chart)], first=True)
@@ -293,7 +293,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     starts = comparison.certified_starts()
     # Median bounds of every event, and how many of the first times are proven optimal.
     bounds = []
-    for event in comparison.events():
+    for event in filter(comparison.certified_starts, comparison.events()):
         lower, upper = (bound.values for bound in comparison.bounds(event))
         best = float(np.median(upper))
         closed = (upper <= lower + 1e-9).sum()

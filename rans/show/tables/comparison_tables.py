@@ -303,21 +303,21 @@ def _names(names: Sequence[str]) -> str:
 
 
 def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
-    """Scores over certified bounds, by event and contestant, of the certified starts; 1 cannot be beaten.
+    """Scores over certified bounds, by event and contestant, from the event's certified starts; 1 cannot be beaten.
 
     Every score is divided by the bound of its own event. A flight counts at a horizon if it has been in the
     goal set by then (`Entry.thrust_by`), and is infinite if not. Starts whose bound is infinite (nobody can be
     there) or 0 are left out.
     """
-    events = comparison.events() if comparison.certified_starts() else []
-    return {event.text: _ratios(comparison, event) for event in events}
+    events = comparison.events()
+    return {e.text: _ratios(comparison, e) for e in events if comparison.certified_starts(e)}
 
 
 def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
     """Contestants' and the best found amounts of an event over its certified lower bound, (starts,), 1 at best."""
     lower, upper = comparison.bounds(event)
     possible = np.isfinite(lower.values) & (lower.values > 0)
-    starts = np.array(comparison.certified_starts())[possible]
+    starts = np.array(comparison.certified_starts(event))[possible]
     lower = lower[possible]
     result = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
     best = upper[possible].over(lower)

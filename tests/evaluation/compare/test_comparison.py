@@ -9,24 +9,35 @@ import numpy as np
 import pytest
 
 from rans import TASKS, GoToPose, Timing
+from rans.cli.compare import _show
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.user_policy import user_policy
+from rans.evaluation.problems import Problem
+from rans.show.pages.comparison_page import page
 from rans.show.tables.comparison_tables import gap_table, gaps
 from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 
 
-def test_half_certified_starts_are_left_out():
-    found = Comparison(CONTEST)
-    found.certified += [
-        Bound(0, None, 1.0),
-        Bound(1, None, 1.0),
-        Bound(1, None, 1.0, kind="settling"),
-    ]
-    found.certified += [Bound(1, horizon, 1.0) for horizon in found.horizons()]
+def test_a_task_may_bound_one_event_alone(monkeypatch, capsys):
+    def add(comparison, **_: object) -> None:
+        comparison.certified += [Bound(1, None, 2.2), Bound(1, 0.7, 1.0), Bound(2, None, 1.0)]
+
+    own = Problem(lambda _: True, add)
+    monkeypatch.setattr("rans.evaluation.compare.run.bounding", lambda _: own)
+    found = by_hand(2.0, 1.0, {})
+    found.certified.clear()
+    found.fly({}, ["optimal"])
     assert found.certified_starts() == [1]
+    assert list(gaps(found)) == ["first time in the goal set"]
+    assert ["impulse by 0.7 s" in found.failures[0], "start 2" in found.failures[1]] == [True, True]
+    assert found.failures[2:] == found.impossible()
+    assert "start 1" in found.failures[2]
+    _show(found, full=False)
+    assert "Median multiple of the bound" in capsys.readouterr().out
+    assert "Gaps to the certified bounds" in [section.title for section in page(found).sections]
 
 
 def by_hand(
