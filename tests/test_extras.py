@@ -139,6 +139,7 @@ def test_commands_that_are_printed_to_run_next_run(tmp_path):
     assert {*COMMANDS} - {line.split()[0] for line in EVERY} == {
         "dossier",
         "fly",
+        "identify",
         "replay",
         "reproduce",
     }
