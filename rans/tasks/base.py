@@ -5,7 +5,7 @@ from __future__ import annotations
 import operator
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -25,7 +25,7 @@ from rans.tasks.observation_terms import (
     Scalar,
     VectorInW,
 )
-from rans.tasks.rewards import Prices, Transition, is_used
+from rans.tasks.rewards import Prices, Transition, is_used, speed
 from rans.tasks.settings import check_settings
 from rans.tasks.shapes import Shape
 
@@ -256,6 +256,45 @@ class SingleTask(Prices, Task):
             for field in fields(self)
             if field.name.endswith("_tolerance")
         }
+
+
+@dataclass(frozen=True)
+class Arriving(SingleTask):
+    """Base class of tasks that go to a place: starts around it, rewards of nearness, and when an episode fails."""
+
+    spawn_distance: tuple[float, float] = (0.5, 4.5)
+    """Range of the start's distance from the goal in training, m (original system)."""
+    evaluation_distance: tuple[float, float] = (3.0, 4.0)
+    """Range of the start's distance from the goal in evaluations, m (paper, section 4.1; 1 to 5 m in space)."""
+    approach_weight: float = 0.5
+    """Weight of the wide rewards, for large errors; 0 gives the reward of the original system."""
+    fine_weight: float = 0.0
+    """Weight of narrow copies of the rewards, for agents that keep the position within millimetres."""
+    fine_scale: float = 0.02
+    """Error at which the narrow rewards have fallen to 1/e, m and rad."""
+    rest_position: float = 0.0
+    """Distance below which the position reward is constant, so that thrust gains nothing, m."""
+    position_tolerance: float = 0.05
+    """Distance that counts as reached, m."""
+    fail_distance: float = 8.0
+    """Distance from the goal beyond which an episode fails, m (original system)."""
+    fail_spin: float = 4.0
+    """Angular rate beyond which an episode in space fails, rad/s; without it some policies spin up permanently."""
+
+    position_scale: ClassVar[float] = 0.25
+    """Error at which the position reward has fallen to 1/e, m (original system, 2023)."""
+    approach_scale: ClassVar[float] = 1.5
+    """Distance at which the approach reward has fallen to 1/e, m: a third of the farthest start."""
+
+    def for_evaluation(self) -> Self:
+        """The task with the starts of evaluations."""
+        return replace(self, spawn_distance=self.evaluation_distance)
+
+    def failed(self, state: State, goal: State) -> Field:
+        """Whether the craft is too far away, or in space spins too fast."""
+        lost = (goal.p - state.p).norm() > self.fail_distance
+        spin = state.spin()
+        return lost if len(spin) == 1 else lost | (speed(spin) > self.fail_spin)
 
 
 def goal_after(task: Task, goal: State, state: State, time: Field) -> State:

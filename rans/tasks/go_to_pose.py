@@ -10,7 +10,7 @@ from typing import ClassVar
 from rans.model.dynamics import State
 from rans.model.fields import Field
 from rans.model.random import Random
-from rans.tasks.go_to_position import Arriving
+from rans.tasks.base import Arriving
 from rans.tasks.observation_terms import ObservationTerm, RelativeRotation, VectorInW
 from rans.tasks.rewards import RestReward, Transition, is_used, nearness
 
