@@ -120,7 +120,7 @@ class Backbone(ABC):
     def adapted(
         self, architecture: Architecture, read: Columns, gains: Columns, lost: Field
     ) -> list[Field]:
-        """Columns of a network that adapts.
+        """Columns of a network that adapts; `check` refuses others.
 
         Args:
             architecture: of the network.

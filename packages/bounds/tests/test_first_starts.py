@@ -115,7 +115,7 @@ def test_other_questions_and_older_proofs_are_searched_anew(asked, tmp_path, mon
 
 
 def test_a_hull_bound_that_no_search_improved_is_told(monkeypatch):
-    """Of events whose search had too many points; the others are certified."""
+    """A search with too many points gives its event the hull's bound; other events are certified."""
     found = [Bound(0, 5.0, 1.0), Bound(0, None, 1.0, lower=2.0, kind="settling")]
     monkeypatch.setattr(transfers, "certified_bounds", lambda *_: iter(found))
     monkeypatch.setattr(Comparison, "events", lambda _: EVENTS)

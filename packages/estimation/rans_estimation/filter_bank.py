@@ -91,7 +91,7 @@ class Filters(NamedTuple):
 
     @property
     def extra_columns(self) -> tuple[int, ...]:
-        """Of each filter, see `Filter.extra_columns`."""
+        """Numbers beside the columns that each filter of the bank gives, see `Filter.extra_columns`."""
         return tuple(one.extra_columns for one in self.each)
 
     @property

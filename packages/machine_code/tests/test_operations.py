@@ -55,7 +55,7 @@ def test_functions_are_numpys_far_from_zero(name):
 
 @pytest.mark.parametrize("name", ["sin", "cos"])
 def test_angles_without_digits_have_some_sine(name):
-    """Of a flight that failed long ago: it stays a number from -1 to 1, as NumPy's."""
+    """The sine of a large angle, as of a flight that failed long ago, is a number from -1 to 1, as NumPy's is."""
     x = np.geomspace(1e6, 1e38, COUNT, dtype=np.float32)
     assert (np.abs(of_one(name, x)) <= 1.0).all()
 

@@ -77,7 +77,7 @@ def motors_of_stand_in(folder) -> Motors:
 
 BUILT_IN = {"PLATFORM_POSIX", "BOARD_ETHERNET", "BOARD_ROOT_PATH", "SYSTEMCMDS_PARAM"}
 BUILT_IN |= {"SYSTEMCMDS_SHUTDOWN", "SYSTEMCMDS_UORB"}
-"""Of what PX4's simulation has, this is enough to run modules."""
+"""Parts of PX4's simulation that suffice to run modules; all others are left out of the build."""
 COMMANDS = """
 . ./px4-alias.sh
 param select parameters.bson
@@ -88,7 +88,7 @@ shutdown
 
 @pytest.fixture(scope="module")
 def motors_of_px4(folder) -> Iterator[Motors]:
-    """Of the module in a process of PX4, at the pace of its clock; a time of 0 begins anew."""
+    """See `motors`: the module runs in a process of PX4, at the pace of its clock; a time of 0 begins anew."""
     tree = Path(os.environ["PX4_TREE"])
     modules = tree / "src/modules"
     shutil.copytree(folder / "agent.px4", modules / "rans_agent", dirs_exist_ok=True)

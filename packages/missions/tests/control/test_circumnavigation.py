@@ -61,7 +61,7 @@ def test_a_team_flies_dearer_burns_if_their_coasts_alone_keep_apart(
         return Burns(price, np.array([0]), changes, 5_000.0)
 
     class Searches:
-        """Whose flights meet but for the dearest of the longest search."""
+        """Stand-in of a planner: its flights meet one another, except the dearest of the longest search."""
 
         earliest = 1_000.0
         coast = times = None
