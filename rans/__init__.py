@@ -14,11 +14,12 @@ import rans.safe_path  # noqa: F401  # must come first, see its docstring
 # isort: split
 import importlib
 import importlib.util
+import sys
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from rans import display
+from rans import display, errors
 from rans.abilities import PUBLIC
 from rans.lazy import homes
 from rans.tasks import TASKS, gymnasium_ids
@@ -84,14 +85,18 @@ def __getattr__(name: str) -> Any:
         from rans.files import package_version
 
         return package_version("rans")
-    if name in _LAZY:
-        return getattr(importlib.import_module(_LAZY[name]), name)
-    if not name.startswith("_") and importlib.util.find_spec(f"{__name__}.{name}"):
-        return importlib.import_module(f"{__name__}.{name}")  # rans.scenario.scenarios(...)
-    if name.startswith("_"):  # Python and notebooks ask for names such as __path__
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    if name in PUBLIC:
-        return PUBLIC[name]
+    try:
+        if name in _LAZY:
+            return getattr(importlib.import_module(_LAZY[name]), name)
+        if not name.startswith("_"):  # Python and notebooks ask for names such as __path__
+            if importlib.util.find_spec(f"{__name__}.{name}"):
+                return importlib.import_module(f"{__name__}.{name}")  # rans.scenario.scenarios(...)
+            if name in PUBLIC:
+                return PUBLIC[name]
+    except errors.ConfigError as error:  # such as a package that is missing
+        if sys._getframe(1).f_code.co_name == "_handle_fromlist":
+            raise  # `from rans import NAME` would drop the sentence of an AttributeError
+        raise AttributeError(str(error), name=name) from error
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 

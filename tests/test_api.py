@@ -6,7 +6,9 @@ import ast
 import dataclasses
 import doctest
 import importlib
+import inspect
 import itertools
+import sys
 import tempfile
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,7 @@ import pytest
 import torch
 
 import rans
+from rans.abilities import PUBLIC
 from rans.scenario import EVALUATION_SEED, scenarios
 from tests.support.processes import modules_loaded
 from validation.speed.suite import measurements
@@ -107,12 +110,22 @@ def test_every_name_at_the_top_has_an_example():
     assert wanted <= {part for one in examples() for part in one.name.split(".")}
 
 
-def test_the_top_lists_what_it_has_and_loads_it_when_asked():
-    assert set(rans.__all__) <= set(dir(rans))
-    for name in rans.__all__:
-        assert getattr(rans, name) is not None
-    with pytest.raises(AttributeError, match="no attribute 'Engin'"):
-        getattr(rans, "Engin")  # noqa: B009
+def test_the_top_lists_what_it_has_and_loads_what_it_can(monkeypatch):
+    """What a name needs that is missing is said, also by an import of the name."""
+    monkeypatch.setitem(sys.modules, "casadi", None)
+    for name in [module for module in sys.modules if module.startswith("rans_optimal.")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.delitem(PUBLIC._loaded, "MPC", raising=False)
+    members = {name for name, _ in inspect.getmembers(rans)}
+    assert set(rans.__all__) <= members
+    assert {*dir(rans)} - members == {"MPC"}
+    for line, error, said in (
+        ("rans.MPC", AttributeError, "needs the package casadi"),
+        ("from rans import MPC", ImportError, "needs the package casadi"),
+        ("rans.Engin", AttributeError, "no attribute 'Engin'"),
+    ):
+        with pytest.raises(error, match=said):
+            exec(line, {"rans": rans})
 
 
 @pytest.mark.parametrize("package", [rans, rans.tasks], ids=lambda package: package.__name__)
