@@ -261,13 +261,18 @@ def compare(
         result.fly, certified=bounded, cache=cache, workers=workers, returns=full, asked=asked
     )
 
-    def end() -> None:
-        with writing_at_end(lambda: show(result) if show is not None else None):
-            if folder is not None and (result.entries or result.failures):
-                from rans.evaluation.fly.evidence import about
-                from rans.show.pages.comparison_page import write
+    def save(is_over: bool = False) -> None:
+        if folder is not None and (result.entries or result.failures):
+            from rans.evaluation.fly.evidence import about
+            from rans.show.pages.comparison_page import write
 
-                write(result, folder, about(str(entrants[0]), contest.setup, "rans.compare"))
+            made = about(str(entrants[0]), contest.setup, "rans.compare")
+            write(result, folder, made, is_over)
+
+    def end() -> None:
+        result.waiting = ()
+        with writing_at_end(lambda: show(result) if show is not None else None):
+            save(is_over=True)
 
     # Quick opponents first; results so far are written even after an interrupt.
     quick, slow = result.quick_and_slow(opponents)
@@ -281,10 +286,10 @@ def compare(
                 fly(now, quick, stages=shown)
             if slow:
                 result.waiting = [*(["other values"] if later else []), *slow]
+                save()
                 if show is not None:
                     show(result)
-                result.waiting = ()
-                with watched() as shown:
+                with watched(save) as shown:
                     fly(later, slow, stages=shown)
         except KeyboardInterrupt:
             result.note_interrupt(bounded, cache is not None)

@@ -105,12 +105,39 @@ class NotebookLine:
         self._handle.update(self._html(""))
 
 
+_SAVED_EVERY = 60.0
+"""s between two files of results that a long call leaves if it is killed."""
+
+
+def _saving(stages: Stages, save: Callable[[], object]) -> Stages:
+    """The stages, during whose work results are written every `_SAVED_EVERY`."""
+    last = time.monotonic()
+
+    def stage(name: str, total: int | None, /) -> Callable[[int], None]:
+        step = stages(name, total)
+
+        def advance(count: int, /) -> None:
+            nonlocal last
+            step(count)
+            if time.monotonic() - last >= _SAVED_EVERY:
+                save()
+                last = time.monotonic()
+
+        return advance
+
+    return stage
+
+
 @contextmanager
-def watched() -> Iterator[Stages]:
-    """Progress of a call from Python: bars on a terminal, a line in a notebook, nothing elsewhere."""
+def watched(save: Callable[[], object] = lambda: None) -> Iterator[Stages]:
+    """Progress of a call from Python: bars on a terminal, a line in a notebook, nothing elsewhere.
+
+    Args:
+        save: writes the results so far, which is done now and then for when the process is killed.
+    """
     if not in_notebook():
         with progress() as bars:
-            yield stages(bars)
+            yield _saving(stages(bars), save)
         return
     line = NotebookLine()
 
@@ -128,7 +155,7 @@ def watched() -> Iterator[Stages]:
         return advance
 
     try:
-        yield stage
+        yield _saving(stage, save)
     finally:
         line.clear()
 

@@ -47,6 +47,7 @@ def test_interrupted_while_it_certifies_it_prints_what_is_finished(tmp_path, mon
         return [Relaxed("time", 0, "solved", True, 0.1, 4.0, 3.25, 7.5)]
 
     def one_bound(*_):
+        assert json.loads((tmp_path / "compare.json").read_text())["is_partial"]  # were it killed
         yield Bound(0, None, 2.75)
         raise KeyboardInterrupt
 

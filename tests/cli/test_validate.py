@@ -45,6 +45,18 @@ def test_quick_validation_passes_and_is_written(tmp_path, capsys, monkeypatch):
     assert len(again) == 4
 
 
+def test_an_interrupted_validation_has_not_passed(tmp_path, monkeypatch, ran):
+    def interrupted(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setitem(validation.study.study.LAYERS, "commands", interrupted)
+    ran(f"validate --quick --output {tmp_path}", code=130)
+    read = json.loads((tmp_path / "validation.json").read_text("utf-8"))
+    assert read["is_partial"]
+    assert not read["passed"]
+    assert [check["passed"] for check in read["checks"]] == [True, True]
+
+
 def test_valves_that_pulse_are_validated(ran):
     """Against Drake, which switches them itself; thrust of the same impulse is 0.1 mm off in a period."""
     ran("validate --quick atmos --layer period")

@@ -65,6 +65,8 @@ class Validate(Options):
         if self.output is not None:
             report.write(self.output / "validation.json")
             console.print(f"Written to {self.output / 'validation.json'}.")
+        if report.is_partial:
+            raise KeyboardInterrupt
         nothing = not total and report.skipped
         if nothing:
             console.print("Nothing could be checked here.")

@@ -89,6 +89,8 @@ class Study:
     """Behind the figures."""
     spacecraft: str = ""
     """File of the spacecraft, as RANS writes it."""
+    is_partial: bool = False
+    """Whether it was interrupted."""
 
     def __repr__(self) -> str:
         passed = sum(check.passed for check in self.checks)
@@ -96,8 +98,10 @@ class Study:
 
     @property
     def passed(self) -> bool:
-        """Whether there is a check and every one passed."""
-        return bool(self.checks) and all(check.passed for check in self.checks)
+        """Whether there is a check, every one passed, and none is left to make."""
+        return (
+            bool(self.checks) and not self.is_partial and all(check.passed for check in self.checks)
+        )
 
     def table(self) -> Table:
         """The checks, a row each."""
@@ -134,6 +138,7 @@ class Study:
         return {
             "title": self.title,
             "passed": self.passed,
+            "is_partial": self.is_partial,
             "settings": self.settings,
             "command": made_by("rans.validate"),
             "environment": environment(),

@@ -120,6 +120,8 @@ def study(
         stages: reports progress; every layer is a stage of one unit.
         conditions: under which flights are checked too, effect by effect.
 
+    Ctrl-C in a layer ends the study, and the layers before it are its result.
+
     Raises:
         ConfigError: Drake refuses the spacecraft's mass properties, its valves cannot do what the conditions
             ask for, or there is no such layer.
@@ -134,7 +136,11 @@ def study(
     for name, look in layers.items():
         progress = stages(name, 1)
         begun = time.perf_counter()
-        found += [replace(x, layer=name) if isinstance(x, Check) else x for x in look(scope)]
+        try:
+            found += [replace(x, layer=name) if isinstance(x, Check) else x for x in look(scope)]
+        except KeyboardInterrupt:
+            found.append(Skipped(f"{name} and what follows", "The study was interrupted."))
+            break
         seconds[name] = round(time.perf_counter() - begun, 2)
         progress(1)
     settings = {
@@ -153,6 +159,7 @@ def study(
         tuple(x for x in found if isinstance(x, Skipped)),
         tuple(x for x in found if isinstance(x, Curve)),
         to_toml(craft),
+        is_partial=len(seconds) < len(layers),
     )
 
 

@@ -101,13 +101,16 @@ def stress(
     # The report exists before the flights, so that an interrupt has what was flown.
     report = StressReport(planned, folder, whole("worst", worst, least=0))
 
-    def end() -> None:
+    def save() -> None:
         if output is not None and planned.outcomes:
             report.write()
+
+    def end() -> None:
+        save()
         if show is not None:
             show(report)
 
-    with writing_at_end(end), watched() as stage:
+    with writing_at_end(end), watched(save) as stage:
         planned.fly(stage, workers)
     return report
 
@@ -184,19 +187,17 @@ def assure(
     processor = torch_device(device)
     file = assurance.file
 
-    def end() -> None:
-        """Write and show what was flown so far.
-
-        It also ends an interrupted call, and nothing is written before a flight.
-        """
-        if not assurance.campaign.flights:
-            return
-        if file is not None:
+    def save() -> None:
+        if file is not None and assurance.campaign.flights:
             write_json(file, assurance.to_json())
-        if show is not None:
+
+    def end() -> None:
+        """Write and show what was flown so far, also after an interrupt."""
+        save()
+        if show is not None and assurance.campaign.flights:
             show(assurance)
 
-    with writing_at_end(end), watched() as stage:
+    with writing_at_end(end), watched(save) as stage:
         assurance.fly(processor, stage)
         stage("failed flights again", None)
         assurance.replay(again, again)

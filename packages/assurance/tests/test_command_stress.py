@@ -65,12 +65,14 @@ def test_a_failure_is_printed_and_the_rest_written(capsys):
 
 @pytest.mark.usefixtures("undrawn")
 def test_interrupted_it_writes_what_was_flown(monkeypatch, capsys):
+    monkeypatch.setattr("rans.show.progress._SAVED_EVERY", 0.0)
     true = run._Flyer.flown
     calls = []
 
     def interrupted(*job):
         calls.append(job)
         if len(calls) > 2:
+            assert Path("here/stress.json").exists()  # as a kill would leave it
             raise KeyboardInterrupt
         return true(*job)
 

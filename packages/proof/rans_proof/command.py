@@ -127,14 +127,19 @@ class Prove(Options):
         terminal = Terminal()
         with progress() as bars:
             task = bars.add_task("proving", total=None)
-            proof = prove(
-                problem,
-                layers,
-                torch_device("auto"),
-                _SMALLEST / self.resolution,
-                [_CELLS if problem.states <= 4 else 1] * problem.states,
-                lambda done, left: bars.update(task, completed=done, total=done + left),
-            )
+            try:
+                proof = prove(
+                    problem,
+                    layers,
+                    torch_device("auto"),
+                    _SMALLEST / self.resolution,
+                    [_CELLS if problem.states <= 4 else 1] * problem.states,
+                    lambda done, left: bars.update(task, completed=done, total=done + left),
+                )
+            except KeyboardInterrupt:
+                (bar,) = bars.tasks
+                terminal.say(f"Open: {bar.completed:,.0f} cells are proved, and more are left.")
+                raise
         seconds = time.monotonic() - begun
         # False with the flight, open, or proved with the cells.
         if proof.counterexample is not None:

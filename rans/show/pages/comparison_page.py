@@ -87,18 +87,23 @@ def page(comparison: Comparison, command: str = "") -> Page:
     return Page(title, sections, header(about))
 
 
-def write(comparison: Comparison, folder: Path, about: dict[str, Any]) -> None:
+def write(
+    comparison: Comparison, folder: Path, about: dict[str, Any], is_over: bool = True
+) -> None:
     """Write a comparison into a folder: its numbers first, then page and chart, which take seconds.
 
     Args:
         comparison: what was flown.
         folder: folder of the results.
         about: see `rans.evaluation.fly.evidence.about`.
+        is_over: whether page and chart are written too.
     """
     numbers = folder / "compare.json"
     result = _headline(comparison) | tables.to_json(comparison, TEXT)
     write_json(numbers, result | {"about": about})
     comparison.files = [numbers]
+    if not is_over:
+        return
     with doing("drawing the page; Ctrl-C leaves it out", in_log=False):
         page(comparison, about["command"]).write(folder / "compare.html")
         comparison.files.insert(0, folder / "compare.html")

@@ -406,7 +406,7 @@ def outcome(comparison: Comparison, board: dict[str, Scores]) -> dict[str, Any]:
     return {
         "title": comparison.contest.title(),
         "summary": rows,
-        "is_partial": comparison.is_partial,
+        "is_partial": comparison.is_partial or bool(comparison.waiting),
         "notes": comparison.notes,
         "failures": comparison.failures,
     }
