@@ -40,7 +40,10 @@ _RESTLESS = 0.8
 """Part of the cost of a second that is due until the craft is at rest in the goal set. The other part is due until
 the pose is within the tolerances: a spin between two of those that pulses can reach may allow no rest."""
 _PRICE = (0.02, 4.0)
-"""Price of the full thrust at a trade-off of 0 and of 1, seconds outside the goal set a second."""
+"""Price of the full thrust at a trade-off of 0 and of 1, seconds outside the goal set a second. The second is lower
+for weak craft, see `_LONGEST`."""
+_LONGEST = 0.72
+"""Part of a flight that the thriftiest transfers take at most, so that those from far away arrive too."""
 TRADE_OFF = 0.2
 """Trade-off where goals note none."""
 _APPROACH = 200.0
@@ -107,6 +110,11 @@ class PoseProblem:
         self.range = 0.5 * (task.spawn_distance[0] + task.spawn_distance[1])
         self.scale = math.sqrt(self.range / self.acceleration)
         """Time in which the craft gains its range, s."""
+        # A double integrator that burns, coasts and brakes by two thrusters at the price q takes the least cost in
+        # 1.05 (r + 1/r) of this time, where r^2 = 1 + 4 q; 1.05 is that of flights of nine craft.
+        longest = max(_LONGEST * self._flight / (1.05 * self.scale), 2.1)
+        root = 0.5 * (longest + math.sqrt(longest**2 - 4.0))
+        self._price = (_PRICE[0], min(_PRICE[1], 0.25 * (root**2 - 1.0)))
         # Changes of spin by each thruster in a period, and so the distances of headings at rest.
         kicks = torques * self.period / moments
         steps = kicks.abs().where(kicks.abs() > 1e-9, math.inf).amin(dim=0)
@@ -129,7 +137,7 @@ class PoseProblem:
 
     def price(self, state: Tensor) -> Tensor:
         """Price of the full thrust, seconds a second."""
-        low, high = _PRICE
+        low, high = self._price
         return low * torch.exp(math.log(high / low) * state[-1])
 
     def step(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:

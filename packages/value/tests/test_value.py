@@ -11,7 +11,7 @@ import pytest
 import torch
 from rans_value.goal_frame import equivalent
 from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
-from rans_value.problem import parted
+from rans_value.problem import PoseProblem, parted
 from torch import Tensor
 
 from rans import TASKS, ConfigError, Engine, GoToPosePriced, Timing
@@ -108,6 +108,18 @@ def test_most_spins_near_the_goal_are_those_that_pulses_bring_to_rest():
     # Nozzles across turn it about x and y at once.
     pulses = torch.stack(((x + y) / 2, (x - y) / 2, z))
     assert ((pulses - pulses.round()).abs() < 1e-3).all(dim=0).float().mean() > 0.85
+
+
+@pytest.mark.parametrize("times", [1.0, 4.0, 8.0])
+def test_the_thriftiest_transfer_arrives_within_the_flight(times):
+    problem = PoseProblem(replace(PLATFORM, mass=times * PLATFORM.mass), GoToPosePriced(), Timing())
+    price = float(problem.price(torch.ones(1, 1)))
+    assert (price == 4.0) is (times < 4.0)
+    # The least cost of a double integrator that burns, coasts and brakes over its range by two thrusters, tried.
+    burnt = torch.linspace(0.1, 1.0, 10_000) * problem.scale
+    time = problem.scale**2 / burnt + burnt
+    least = (time + 4.0 * price * burnt).argmin()
+    assert 5.0 < float(time[least]) < 18.0
 
 
 def test_commands_cost_at_most_what_they_promise():
