@@ -27,6 +27,10 @@ settings.load_profile("rans")
 # Libraries keep a million objects, which a search for garbage looks through: seldom, and not these.
 gc.set_threshold(100_000, 20, 100)
 
+# What one process compiled, tests with what their assertions show too, the others and later runs read.
+sys.dont_write_bytecode = False
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+
 # Flights that choose how any craft is flown are flown once, and not those that a user's cache has.
 os.environ["XDG_CACHE_HOME"] = str(Path(__file__).parent / ".pytest_cache" / "user")
 

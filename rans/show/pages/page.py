@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
@@ -220,6 +221,11 @@ class Page:
 
 def filled(template: str, **values: Any) -> str:
     """The text of a template of this folder, filled with values, of which all must be there."""
+    return _templates().get_template(template).render(**values)
+
+
+@cache
+def _templates() -> Environment:
     environment = Environment(
         loader=PackageLoader("rans.show.pages", "."),
         autoescape=True,
@@ -228,7 +234,7 @@ def filled(template: str, **values: Any) -> str:
         lstrip_blocks=True,
     )
     environment.filters |= {"show": show, "interval": _interval, "data": markup.data}
-    return environment.get_template(template).render(**values)
+    return environment
 
 
 def show(value: Any) -> str:

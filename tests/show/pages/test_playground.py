@@ -246,7 +246,13 @@ console.log(JSON.stringify([between, once, flight.carried]));"""
 
 
 @pytest.mark.parametrize(
-    "name", ["go-to-pose-2d", "go-to-pose-3d", "any-craft-3d@cubesat-3u", "any-craft-2d"]
+    "name",
+    [
+        "go-to-pose-2d",
+        "go-to-pose-3d",
+        pytest.param("any-craft-3d@cubesat-3u", marks=pytest.mark.slow),
+        "any-craft-2d",
+    ],
 )
 def test_the_page_is_small_and_fetches_nothing(name, tmp_path):
     """Many weights, more than have 16 bits in so little, and many substeps in space."""
