@@ -15,9 +15,10 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.extend import Field, Network, subsets, within
+from rans.model.spacecraft import positively_spans
 from rans.policy.subsets import Subsets
 from rans_any_craft.allocation import PRICE, continuous_price, in_order, shares, thrust_price
-from rans_any_craft.twists import balanced, directions
+from rans_any_craft.twists import directions
 
 ON_OFF = 0.0
 SHARED = 1.0
@@ -121,21 +122,21 @@ def spare(tokens: Tokens) -> tuple[int, ...]:
 
     Wheels help throttled and pulsed thrusters, and others where all thrusters alone do not.
     """
-    thrusters = thruster_count(tokens)
-    columns = np.array(tokens)[:, :-1]
-    turning = columns[thrusters:]
-    is_continuous = tokens[0][-1] == CONTINUOUS
-    is_alone = spans(columns[:thrusters]) and not (is_continuous and len(turning))
-    helping = columns[:0] if is_alone else np.vstack([turning, -turning])
-    is_shared = tokens[0][-1] == SHARED
-    numbers = np.arange(thrusters)
+    thrusters, turning = np.split(np.array(tokens)[:, :-1], [thruster_count(tokens)])
+    helping = turning[:0]
+    if tokens[0][-1] == CONTINUOUS or not spans(thrusters):
+        helping = np.vstack([turning, -turning])
     return tuple(
         k
-        for k in range(thrusters)
-        if (
-            balanced(np.vstack([columns[:thrusters][numbers != k], helping]), is_shared) > 0.0
-        ).all()
+        for k in range(len(thrusters))
+        if spans(np.vstack([np.delete(thrusters, k, axis=0), helping]))
     )
+
+
+def needed(tokens: Tokens) -> np.ndarray:
+    """Columns (n, d) of the thrusters, and of wheels either way where they alone do not push and turn every way."""
+    thrusters, turning = np.split(np.array(tokens)[:, :-1], [thruster_count(tokens)])
+    return thrusters if spans(thrusters) else np.vstack([thrusters, turning, -turning])
 
 
 def thruster_count(tokens: Tokens) -> int:
@@ -149,7 +150,7 @@ def _rows(columns: np.ndarray) -> Tokens:
 
 def spans(columns: np.ndarray) -> bool:
     """Whether thrusters with columns (n, d) push and turn a craft every way."""
-    return bool((balanced(columns) > 0.0).all())
+    return positively_spans(columns.T)
 
 
 def effects_of(chosen: Subsets) -> np.ndarray:

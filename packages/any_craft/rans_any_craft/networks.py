@@ -18,18 +18,27 @@ import torch
 
 from rans import RansWarning
 from rans.extend import (
-    Architecture,
     ConfigError,
     GoToPose,
     Network,
     Spacecraft,
     brief,
 )
-from rans.model.spacecraft import can_turn, is_steerable
-from rans_any_craft.allocated import CONTINUOUS, ON_OFF, SHARED, WHEEL, holds, spans, spare
+from rans.model.spacecraft import can_turn, is_steerable, wrenches_either_way
+from rans_any_craft.allocated import (
+    CONTINUOUS,
+    ON_OFF,
+    SHARED,
+    WHEEL,
+    Tokens,
+    holds,
+    needed,
+    spans,
+    spare,
+)
 from rans_any_craft.authority import DIMENSIONS, WAYS, Authority, braking_distance
 from rans_any_craft.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
-from rans_any_craft.twists import authority_margin, balanced, cone_pushes, pushes_along
+from rans_any_craft.twists import authority_margin, balanced, cone_pushes, reaches
 
 
 class Range(NamedTuple):
@@ -72,8 +81,8 @@ _SLOW_COAST = 5.0
 settles more flights of cubesat-6u without a thruster."""
 _FULL_WHEELS = 0.6
 """Part of the speed at which a wheel is full that a craft flies at; turns need the rest of the wheels."""
-_NEVER_FULL = 1e-9
-"""Part of a wheel's range per m/s below which thrusters balance their torques themselves."""
+_NEVER_FULL = 1e9
+"""Speed, m/s, from which thrusters balance their torques themselves."""
 _BEYOND = 0.1
 """How far beyond the fast end weights of on/off thrusters in the plane are at the value 0. Each of 21
 random layouts then takes less time, 0.9 % in the mean, and fewer flights are lost; throttled craft lose by it."""
@@ -128,7 +137,7 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
     return (period, *map(float, ways))
 
 
-def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
+def effects(craft: Spacecraft, period: float) -> Tokens:
     """Token of each command: change of the twist in a period, in units of the authority, and kind of effector.
 
     Files of agents have them in the order of the craft's commands.
@@ -140,9 +149,11 @@ def effects(craft: Spacecraft, period: float) -> tuple[tuple[float, ...], ...]:
     kind = CONTINUOUS
     if not craft.actuators.is_continuous:
         kind = SHARED if craft.thrust_sharing == "split" else ON_OFF
-    rows = [(*map(float, row / scale), kind) for row in _accelerations(craft)]
-    count = craft.wheel_count
-    rows += [(*map(float, row / scale), WHEEL) for row in _turning(craft)[:count]]
+    columns = _accelerations(craft) / scale
+    count = craft.thruster_count
+    rows = [(*map(float, row), kind) for row in columns[:count]]
+    # Of both ways of every wheel the first.
+    rows += [(*map(float, row), WHEEL) for row in columns[count::2]]
     return tuple(rows)
 
 
@@ -170,9 +181,7 @@ def farthest(craft: Spacecraft, own: Authority) -> float:
     return braking_distance(speed, float(own.least_linear), float(own.period))
 
 
-def _farthest_lost(
-    craft: Spacecraft, own: Authority, tokens: tuple[tuple[float, ...], ...]
-) -> float:
+def _farthest_lost(craft: Spacecraft, own: Authority, tokens: Tokens) -> float:
     """The least distance of `farthest` without one of the thrusters that the craft can spare; 0: no bound."""
     bounds = [farthest(without(craft, k), own) for k in spare(tokens)] if craft.wheels else []
     return min((bound for bound in bounds if bound > 0.0), default=0.0)
@@ -182,40 +191,20 @@ def _speed_of_full_wheels(craft: Spacecraft) -> float:
     """Speed, m/s, at which a wheel is full after a push along the worst axis, with the best choice of thrusters."""
     from scipy.optimize import linprog
 
-    thrusters, wheels = craft.thruster_count, craft.wheel_count
-    dimension = craft.dimension
-    forces, torques = np.split(np.array(craft.wrenches), [dimension], axis=1)
-    turning = np.array(craft.wheel_map).reshape(wheels, -1)
-    # Largest command of a wheel times a second, until it is full.
-    full = np.array([one.max_momentum / one.max_torque for one in craft.wheels])
-    # Impulses of the thrusters per mass, commands of the wheels times seconds, and the largest part of their range.
-    balance = np.block(
-        [
-            [forces.T, np.zeros((dimension, wheels + 1))],
-            [torques.T, turning.T, np.zeros((turning.shape[1], 1))],
-        ]
-    )
-    ranges = np.hstack(
-        [np.zeros((2 * wheels, thrusters)), np.vstack([np.eye(wheels), -np.eye(wheels)])]
-    )
-    ranges = np.hstack([ranges, -np.tile(full, 2)[:, None]])
-    cost = np.zeros(thrusters + wheels + 1)
-    cost[-1] = 1.0
-    filled = 0.0
-    for axis in range(dimension):
-        for way in (1.0, -1.0):
-            moved = np.zeros(len(balance))
-            moved[axis] = way * craft.mass
-            best = linprog(
-                cost,
-                A_ub=ranges,
-                b_ub=np.zeros(2 * wheels),
-                A_eq=balance,
-                b_eq=moved,
-                bounds=[(0.0, None)] * thrusters + [(None, None)] * wheels + [(0.0, None)],
-            )
-            filled = max(filled, best.fun) if best.success else filled
-    return 1.0 / filled if filled > _NEVER_FULL else math.inf
+    columns = wrenches_either_way(craft)
+    # Impulses of the thrusters, seconds of full torque of the wheels either way, and the speed.
+    bounds: list[tuple[float, float | None]] = [(0.0, None)] * craft.thruster_count
+    for wheel in craft.wheels:
+        bounds += [(0.0, wheel.max_momentum / wheel.max_torque)] * 2
+    bounds += [(0.0, _NEVER_FULL)]
+    cost = np.append(np.zeros(columns.shape[1]), -1.0)
+    speed = _NEVER_FULL
+    for axis in np.eye(len(columns))[: craft.dimension]:
+        for way in (axis, -axis):
+            balance = np.column_stack([columns, -craft.mass * way])
+            best = linprog(cost, A_eq=balance, b_eq=np.zeros(len(balance)), bounds=bounds)
+            speed = min(speed, -best.fun) if best.success else speed
+    return speed if speed < _NEVER_FULL else math.inf
 
 
 def without(craft: Spacecraft, number: int) -> Spacecraft:
@@ -276,8 +265,17 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
 
     def fitted(own: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
         """Tensors with a last layer for the craft's head."""
-        weight, bias = old.last.folded(own["action_net.weight"], own["action_net.bias"])
-        tensors = dict(own) | last_layer(new, weight, bias)
+        layer = old.last.folded(own["action_net.weight"], own["action_net.bias"])
+        if new.last.weights == 2:
+            # The log-odds of a thruster are its second row less its first.
+            layer = [torch.stack((torch.zeros_like(x), x), dim=1).flatten(0, 1) for x in layer]
+        weight, bias = layer
+        spread = torch.zeros(new.thrusters)
+        tensors = dict(own) | {
+            "action_net.weight": weight,
+            "action_net.bias": bias,
+            "log_std": spread,
+        }
         return {name: tensors[name] for name in new.shapes()}
 
     at = {value: fitted(own) for value, own in network.at.items()}
@@ -322,7 +320,7 @@ def frugal(
     length = GoToPose.position_tolerance / tolerances[0]
     angle = GoToPose.attitude_tolerance / tolerances[1]
     distance, least = length * distance, length * float(own.least_linear)
-    margin = authority_margin(_columns(architecture.tokens))
+    margin = authority_margin(needed(architecture.tokens))
     has_pulses = not is_continuous or architecture.coast > 0.0
     if architecture.adapts:
         seconds /= _HEAVIER
@@ -358,75 +356,31 @@ def frugal(
     return Network(replace(architecture, frugal=chosen, reach=reach), tensors, at=network.at)
 
 
-def _kinds(tokens: tuple[tuple[float, ...], ...]) -> set[float]:
+def _kinds(tokens: Tokens) -> set[float]:
     """Kinds of effectors."""
     return {row[-1] for row in tokens}
 
 
-def _columns(tokens: tuple[tuple[float, ...], ...]) -> np.ndarray:
-    """Columns of the thrusters, and of wheels both ways where thrusters alone do not push and turn every way."""
-    columns = np.array([row[:-1] for row in tokens if row[-1] != WHEEL])
-    if not spans(columns):
-        turning = np.array([row[:-1] for row in tokens if row[-1] == WHEEL])
-        columns = np.vstack([columns, turning, -turning])
-    return columns
-
-
-def _reach(
-    tokens: tuple[tuple[float, ...], ...], authority: tuple[float, ...]
-) -> tuple[float, ...]:
+def _reach(tokens: Tokens, authority: tuple[float, ...]) -> tuple[float, ...]:
     """`Architecture.reach` of a craft in the plane with tokens (`effects`) and an authority."""
-    columns = _columns(tokens)
     least = float(Authority.of_numbers(authority).least_linear)
-    pushes = pushes_along(columns, np.array(WAYS), tokens[0][-1] == SHARED)
+    ways = np.column_stack([WAYS, np.zeros(len(WAYS))])
+    pushes = reaches(needed(tokens), ways, tokens[0][-1] == SHARED)
     return tuple(least * float(push) for push in pushes)
-
-
-def last_layer(
-    architecture: Architecture, weight: torch.Tensor, bias: torch.Tensor
-) -> dict[str, torch.Tensor]:
-    """Tensors of the last layer whose outputs are demands (d, features) and (d,), for the architecture's head.
-
-    Names are those of `Architecture.shapes`; the log-odds of a thruster are its second row less its first.
-    """
-    if architecture.last.weights == 1:
-        spread = torch.zeros(architecture.thrusters)
-        return {"action_net.weight": weight, "action_net.bias": bias, "log_std": spread}
-    # The head of on/off thrusters takes the difference of two rows.
-    pairs = torch.stack((torch.zeros_like(weight), weight), dim=1).flatten(0, 1)
-    return {
-        "action_net.weight": pairs,
-        "action_net.bias": torch.stack((torch.zeros_like(bias), bias), dim=1).flatten(),
-    }
 
 
 def columns_of(craft: Spacecraft) -> np.ndarray:
     """Layout (n, d) of a craft: accelerations by thrusters, and by wheels where thrusters are not enough."""
     columns = _accelerations(craft)
-    if craft.wheels and not spans(columns):
-        return np.vstack([columns, _turning(craft)])
-    return columns
+    thrusters = columns[: craft.thruster_count]
+    return thrusters if spans(thrusters) else columns
 
 
 def _accelerations(craft: Spacecraft) -> np.ndarray:
-    """Accelerations (n, d) by each thruster, m/s^2 and rad/s^2."""
-    wrenches = craft.wrenches
-    forces, torques = np.split(wrenches, [craft.dimension], axis=1)
-    return np.column_stack([forces / craft.mass, _angular(craft, torques)])
-
-
-def _turning(craft: Spacecraft) -> np.ndarray:
-    """Accelerations (2 k, d) by each of k wheels one way, then the other way.
-
-    `effects` takes the first k rows as its wheels, and allocation all of them, in this order.
-    """
-    turning = _angular(craft, np.array(craft.wheel_map).reshape(-1, 2 * craft.dimension - 3))
-    columns = np.column_stack([np.zeros((len(turning), craft.dimension)), turning])
-    return np.vstack([columns, -columns])
-
-
-def _angular(craft: Spacecraft, torques: np.ndarray) -> np.ndarray:
-    """Angular accelerations (n, 1 or 3) by torques."""
+    """Accelerations (n, d) by each thruster, then by each wheel one way and the other, m/s^2 and rad/s^2."""
+    forces, torques = np.split(wrenches_either_way(craft).T, [craft.dimension], axis=1)
     if craft.dimension == 2:
-        return torques / craft.inertia[2][2]
-    return np.linalg.solve(np.array(craft.inertia), torques.T).T
+        angular = torques / craft.inertia[2][2]
+    else:
+        angular = np.linalg.solve(np.array(craft.inertia), torques.T).T
+    return np.column_stack([forces / craft.mass, angular])

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Any
 
 import numpy as np
 
 _PARALLEL = 1e-9
 """Sine of the angle, and one less its cosine, up to which two directions count as one."""
 _NOTHING = 1e-9
-"""Part of the largest change along an axis that is a rounding error: nothing is possible there."""
+"""Part of the largest change along a way that is a rounding error: nothing is possible there."""
 
 
 def directions(width: int) -> int:
@@ -28,67 +27,51 @@ def thrust(columns: np.ndarray) -> np.ndarray:
     return np.linalg.norm(columns[:, : directions(columns.shape[1])], axis=1)
 
 
-def normals(columns: np.ndarray) -> np.ndarray:
-    """Unit normals (k, d), both ways, of all hyperplanes along d - 1 of columns (n, d).
+def reaches(columns: np.ndarray, ways: np.ndarray, shared: bool = False) -> np.ndarray:
+    """Largest changes (k,) along unit ways (k, d), without any change across them.
 
-    These are the normals of the facets of every polytope that is a sum of segments along the columns.
+    Columns (n, d) are those of thrusters that are open for a part of the time; ``shared``: the parts sum to 1 at
+    most. 0: nothing is possible along the way alone.
+
+    The twists are a polytope, which reaches along a way u as far as the least over its facets' normals w of
+    support(w) / (w u).
     """
-    # Parallel columns span the same hyperplanes.
-    lines: list[np.ndarray] = []
-    for column in columns:
-        if (length := np.linalg.norm(column)) > 0.0:
-            line = column / length
-            if all(abs(line @ previous) < 1.0 - _PARALLEL for previous in lines):
-                lines.append(line)
-    width = columns.shape[1]
-    if len(lines) < width - 1:
-        return np.zeros((0, width))
-    chosen = np.array(list(itertools.combinations(range(len(lines)), width - 1)))
-    rows = np.array(lines)[chosen]
-    # Minors of the first rows, by their columns, each from those with a row less (Laplace).
-    minors: dict[tuple[int, ...], Any] = {(k,): rows[:, 0, k] for k in range(width)}
-    for row in range(1, width - 1):
-        minors = {
-            axes: sum(
-                (-1.0) ** (row + omitted)
-                * rows[:, row, axis]
-                * minors[axes[:omitted] + axes[omitted + 1 :]]
-                for omitted, axis in enumerate(axes)
-            )
-            for axes in itertools.combinations(range(width), row + 1)
-        }
-    every = tuple(range(width))
-    normal = np.stack([(-1.0) ** k * minors[every[:k] + every[k + 1 :]] for k in every], axis=1)
-    length = np.linalg.norm(normal, axis=1)
-    normal = normal[length > _PARALLEL] / length[length > _PARALLEL, None]
-    return np.vstack([normal, -normal])
+    size, normals, support = _facets(columns, shared)
+    result = []
+    for way in ways:
+        # In units of the largest change along the way.
+        along = way != 0.0
+        unit = float((size[along] / np.abs(way[along])).min())
+        reach = _least_reach(normals @ (way * unit / np.where(size > 0.0, size, 1.0)), support)
+        result.append(reach * unit if reach > _NOTHING else 0.0)
+    return np.array(result)
 
 
 def balanced(columns: np.ndarray, shared: bool = False) -> np.ndarray:
-    """Largest changes along both ways of every axis of a twist, all other axes being balanced, (2 d,).
+    """`reaches` (2 d,) along both ways of every axis: in the plane +x, -x, +y, -y, +turn and -turn."""
+    axes = np.eye(columns.shape[1])
+    return reaches(columns, np.stack([axes, -axes], axis=1).reshape(-1, len(axes)), shared)
 
-    In the plane these are +x, -x, +y, -y, +turn and -turn. Columns (n, d) are those of thrusters that are open for
-    a part of the time; ``shared``: the parts sum to 1 at most. 0: the axis cannot be pushed alone.
 
-    The twists are a polytope, the projection of the parts: how far it reaches along an axis is the least over its
-    facets' normals w of support(w) / w_axis. With a shared supply it is the optimum of a linear program.
+def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
+    """Changes of velocity (4,) that are possible in all directions within 45 degrees of +x, -x, +y and -y.
+
+    The spin is balanced. Thrusters at 45 degrees to the axes push least between them. The least reach of a cone is
+    that along the way of the cone which is nearest to a facet's normal.
+
+    Args:
+        columns: (n, 3), see `reaches`; they push and turn a craft in the plane every way.
+        shared: see `reaches`.
     """
-    width = columns.shape[1]
-    size = np.abs(columns).max(axis=0, initial=0.0)
-    # Pushes along an axis that nothing pushes along: the polytope then has facets, and reaches as far along others.
-    idle = np.eye(width)[size <= 0.0]
-    scaled = np.vstack([columns / np.where(size > 0.0, size, 1.0), idle, -idle])
-    if shared:
-        return _balanced_by_programs(scaled) * size.repeat(2)
-    facets = normals(scaled)
-    support = np.maximum(facets @ scaled.T, 0.0).sum(axis=1)
+    size, normals, support = _facets(columns, shared)
+    pushes = normals[:, :2] / size[:2]
     result = []
-    for axis in range(width):
-        for sign in (1.0, -1.0):
-            part = sign * facets[:, axis]
-            ahead = part > _PARALLEL
-            reach = (support[ahead] / part[ahead]).min() if ahead.any() else 0.0
-            result.append(_possible(float(reach)) * size[axis])
+    for axis in np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
+        ahead = pushes @ axis
+        aside = np.abs(pushes @ axis[::-1])
+        within = ahead >= aside
+        nearest = np.where(within, np.hypot(ahead, aside), (ahead + aside) / math.sqrt(2.0))
+        result.append(_least_reach(nearest, support))
     return np.array(result)
 
 
@@ -114,7 +97,7 @@ def authority_margin(columns: np.ndarray, least: float = 0.0) -> float:
     scaled = columns / np.repeat([force, torque], [pushing, columns.shape[1] - pushing])
 
     def support(ways: np.ndarray) -> float:
-        return float(np.maximum(ways @ scaled.T, 0.0).sum(axis=1).min(initial=math.inf))
+        return float(_support(ways, scaled).min(initial=math.inf))
 
     # Directions against the sum of all columns bound it from above.
     some = -scaled - scaled.sum(axis=0)
@@ -123,60 +106,13 @@ def authority_margin(columns: np.ndarray, least: float = 0.0) -> float:
     bound = support(some[length > 0.0] / length[length > 0.0, None])
     if bound <= least:
         return bound
-    facets = normals(scaled)
+    facets = _normals(scaled)
     return support(facets) if len(facets) else 0.0
 
 
-def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
-    """Changes of velocity (4,) that are possible in all directions within 45 degrees of +x, -x, +y and -y.
-
-    The spin is balanced. Thrusters at 45 degrees to the axes push least between them.
-
-    Args:
-        columns: (n, 3) of thrusters in the plane that are open for a part of the time.
-        shared: whether the parts sum to 1 at most.
-
-    The polytope reaches support(w) / (w u) along u before a facet with the normal w, so that the least reach of a
-    cone is that along the u of the cone which is nearest to w.
-    """
-    ways, support = _pushing_facets(columns, shared)
-    result = []
-    for axis in np.array([(1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0)]):
-        ahead = ways @ axis
-        aside = np.abs(ways @ axis[::-1])
-        within = ahead >= aside
-        nearest = np.where(within, np.hypot(ahead, aside), (ahead + aside) / math.sqrt(2.0))
-        result.append(_least_reach(nearest, support))
-    return np.array(result)
-
-
-def pushes_along(columns: np.ndarray, ways: np.ndarray, shared: bool = False) -> np.ndarray:
-    """Largest changes of velocity (k,) along unit vectors (k, 2) in the plane, the spin being balanced.
-
-    Args:
-        columns: see `cone_pushes`.
-        ways: unit vectors in B.
-        shared: see `cone_pushes`.
-    """
-    facets, support = _pushing_facets(columns, shared)
-    return np.array([_least_reach(facets @ way, support) for way in ways])
-
-
-def _pushing_facets(columns: np.ndarray, shared: bool) -> tuple[np.ndarray, np.ndarray]:
-    """What facets of the twists in the plane bound: w u (k, 2) @ (2,) of a push u is at most the support (k,)."""
-    size = np.abs(columns).max(axis=0, initial=0.0)
-    if not (size > 0.0).all():
-        return np.zeros((0, 2)), np.zeros(0)
-    scaled = columns / size
-    edges = scaled
-    if shared:
-        # Every edge of the polytope joins two corners, the columns and the origin.
-        corners = np.vstack([np.zeros(3), scaled])
-        edges = np.array([a - b for a, b in itertools.combinations(corners, 2)])
-    facets = normals(edges)
-    along = np.maximum(facets @ scaled.T, 0.0)
-    support = along.max(axis=1) if shared else along.sum(axis=1)
-    return facets[:, :2] / size[:2], support
+def _support(ways: np.ndarray, columns: np.ndarray) -> np.ndarray:
+    """How far (k,) the sums of parts of columns (n, d) reach along ways (k, d), whatever else they do."""
+    return np.maximum(ways @ columns.T, 0.0).sum(axis=1)
 
 
 def _least_reach(ahead: np.ndarray, support: np.ndarray) -> float:
@@ -185,25 +121,49 @@ def _least_reach(ahead: np.ndarray, support: np.ndarray) -> float:
     return max(0.0, float((support[reached] / ahead[reached]).min())) if reached.any() else 0.0
 
 
-def _possible(reach: float) -> float:
-    """How far a polytope reaches, in parts of the largest change along the axis; 0 for a rounding error."""
-    return reach if reach > _NOTHING else 0.0
+def _facets(columns: np.ndarray, shared: bool) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Largest change (d,) along each axis, and in these units normals (k, d) and supports (k,) of the facets.
+
+    Arguments are those of `reaches`. Without a shared supply there are normals of hyperplanes that only touch the
+    polytope, too, which change no reach.
+    """
+    size = np.abs(columns).max(axis=0, initial=0.0)
+    # Pushes along an axis that nothing pushes along: the polytope then has facets, and reaches as far along others.
+    idle = np.eye(len(size))[size <= 0.0]
+    scaled = np.vstack([columns / np.where(size > 0.0, size, 1.0), idle, -idle])
+    if not shared:
+        normals = _normals(scaled)
+        return size, normals, _support(normals, scaled)
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        # Rows are a normal and minus the support.
+        hull = ConvexHull(np.vstack([np.zeros_like(size), scaled])).equations
+    except QhullError:  # the columns are in one hyperplane
+        hull = np.zeros((0, len(size) + 1))
+    return size, hull[:, :-1], -hull[:, -1]
 
 
-def _balanced_by_programs(columns: np.ndarray) -> np.ndarray:
-    """`balanced` (2 d,) of thrusters (n, d) with a shared supply, by a linear program for each way."""
-    from scipy.optimize import linprog
+def _normals(columns: np.ndarray) -> np.ndarray:
+    """Unit normals (k, d), both ways, of all hyperplanes along d - 1 of columns (n, d).
 
-    count, width = columns.shape
-    result = []
-    for axis in range(width):
-        for sign in (1.0, -1.0):
-            best = linprog(
-                -sign * columns[:, axis],
-                A_ub=np.ones((1, count)),
-                b_ub=[1.0],
-                A_eq=np.delete(columns, axis, axis=1).T,
-                b_eq=np.zeros(width - 1),
-            )
-            result.append(_possible(-best.fun) if best.success else 0.0)
-    return np.array(result)
+    These are the normals of the facets of every polytope that is a sum of segments along the columns.
+    """
+    # Parallel columns span the same hyperplanes.
+    lines: list[np.ndarray] = []
+    for column in columns:
+        if (length := np.linalg.norm(column)) > 0.0:
+            line = column / length
+            if all(abs(line @ previous) < 1.0 - _PARALLEL for previous in lines):
+                lines.append(line)
+    width = columns.shape[1]
+    if len(lines) < width - 1:
+        return np.zeros((0, width))
+    chosen = np.array(list(itertools.combinations(range(len(lines)), width - 1)))
+    rows = np.array(lines)[chosen]
+    # The product across d - 1 vectors, whose parts are their minors.
+    minors = [np.linalg.det(np.delete(rows, axis, axis=2)) for axis in range(width)]
+    normal = np.stack(minors, axis=1) * (-1.0) ** np.arange(width)
+    length = np.linalg.norm(normal, axis=1)
+    normal = normal[length > _PARALLEL] / length[length > _PARALLEL, None]
+    return np.vstack([normal, -normal])

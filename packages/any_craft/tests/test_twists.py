@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from rans_any_craft.twists import authority_margin, balanced, cone_pushes, pushes_along
+from rans_any_craft.twists import authority_margin, balanced, cone_pushes, reaches
 from scipy.optimize import linprog
 
 from rans.model.authority import authorities
@@ -53,8 +53,8 @@ def test_pushes_are_those_of_linear_programs(shared):
 
     angles = np.radians(np.arange(-45, 315, 3))
     along = np.array([reach(angle) for angle in angles])
-    ways = np.column_stack([np.cos(angles), np.sin(angles)])
-    assert pushes_along(columns, ways, shared) == pytest.approx(along, rel=1e-9)
+    ways = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(len(angles))])
+    assert reaches(columns, ways, shared) == pytest.approx(along, rel=1e-9)
     # The cone about +x begins at -45 degrees, those of +y, -x and -y a quarter turn each later.
     quarters = [np.append(along, along[0])[30 * k : 30 * k + 31].min() for k in (0, 2, 1, 3)]
     found = cone_pushes(columns, shared)
