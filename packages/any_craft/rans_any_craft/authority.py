@@ -133,27 +133,54 @@ WAYS = (
 """Unit vectors in the plane: along the axes and between them."""
 
 
-def columns(
-    error: Sequence[Field],
-    turn: tuple[Field, Sequence[Field]],
-    velocity: Sequence[Field],
-    spin: Sequence[Field],
-    authority: Authority,
-) -> list[Field]:
-    """Columns of a state.
+class Seen(NamedTuple):
+    """State of a craft as its network is given it, in B; vectors of turning have one number in the plane."""
 
-    Args:
-        error: vector to the goal in B, m.
-        turn: cosine of the angle to the goal's attitude, and its sine times the axis in B: one number in the plane,
-            three in space.
-        velocity: in B, relative to the goal, m/s.
-        spin: one number or three, rad/s.
-        authority: of the craft.
-    """
+    error: Sequence[Field]
+    """Vector to the goal, m."""
+    cosine: Field
+    """Of the angle to the goal's attitude."""
+    sines: Sequence[Field]
+    """Its sine times the axis."""
+    velocity: Sequence[Field]
+    """Relative to the goal, m/s."""
+    spin: Sequence[Field]
+    """rad/s."""
+
+    @property
+    def angles(self) -> list[Field]:
+        """Rotation vector to the goal's attitude, rad.
+
+        It is within 0.2 percent up to 1 rad and 8 percent at a half turn. It comes from the chord 2 sin(angle / 2),
+        by a polynomial, because not every executor has an arc tangent.
+        """
+        half = sqrt(at_least(0.5 + 0.5 * self.cosine, 0.25))
+        behind = sqrt(at_least(2.0 - 2.0 * self.cosine, 1e-12))
+        chord = [
+            where(self.cosine > 0.0, sine / half, behind * way)
+            for sine, way in zip(self.sines, _direction(self.sines), strict=True)
+        ]
+        square = _square(chord)
+        factor = 1.0 + square * (1.0 / 24.0 + square * (3.0 / 640.0 + square * 0.0032))
+        return [x * factor for x in chord]
+
+    def bounded(self, scale: Field, is_far: Field | bool, angle: float) -> Seen:
+        """The state with the error times a scale, and the angle where it is far, a largest angle (rad) there."""
+        size = math.sin(angle)
+        ways = zip(_direction(self.sines), self.sines, strict=True)
+        return self._replace(
+            error=[scale * x for x in self.error],
+            cosine=where(is_far, math.cos(angle) + 0.0 * self.cosine, self.cosine),
+            sines=[where(is_far, size * way, x) for way, x in ways],
+        )
+
+
+def columns(seen: Seen, authority: Authority) -> list[Field]:
+    """Columns of a state."""
+    error, cosine, sines, velocity, spin = seen
     period, linear, angular, a, alpha, reach = authority
-    cosine, sines = turn
-    angles = rotation_vector(cosine, sines)
-    distance = sqrt(at_least(_square(error), 1e-12))
+    angles = seen.angles
+    distance = _distance(error)
     push = a * period
     kick = alpha * period
     # Vectors: error, speed in periods of thrust, place of rest, missing velocity, error near and at the goal.
@@ -202,140 +229,82 @@ def columns(
         zero + 0.5 * _log(a / 0.1),
         zero + 0.5 * _log(alpha),
         zero + 1.5 * _log(period / 0.14),
-        fields.tanh(sqrt(at_least(_square(velocity), 1e-12)) * period * 4.0),
+        fields.tanh(_distance(velocity) * period * 4.0),
     ]
     ratios = [zero + _log(x / a) for x in linear] + [zero + _log(x / alpha) for x in angular]
     return [x for vector in (*vectors, *turns) for x in vector] + scalars + ratios
 
 
-def coasting(
-    error: Sequence[Field],
-    turn: tuple[Field, Sequence[Field]],
-    velocity: Sequence[Field],
-    spin: Sequence[Field],
-    authority: Authority,
-    periods: Field,
-) -> tuple[Sequence[Field], tuple[Field, Sequence[Field]], Sequence[Field], Sequence[Field]]:
+def coasting(seen: Seen, authority: Authority, periods: Field) -> Seen:
     """The state, or rest at the goal where the craft may coast.
 
     It may if it is within 4.5 cm and 4.5 degrees of the goal, and would come to rest there if it coasted for some
-    periods and then braked. A network demands nothing at rest at the goal, so that the thrusters stay shut: on/off
-    thrusters would otherwise push the craft to and fro around it.
-
-    Args:
-        error: see `columns`, as for the others.
-        turn: see `columns`.
-        velocity: see `columns`.
-        spin: see `columns`.
-        authority: of the craft.
-        periods: control periods for which the craft would coast.
+    control periods and then braked. A network demands nothing at rest at the goal, so that the thrusters stay shut:
+    on/off thrusters would otherwise push the craft to and fro around it.
     """
-    cosine, sines = turn
-    angles = rotation_vector(cosine, sines)
+    angles = seen.angles
     time = periods * authority.period
-    place = _place_of_rest(error, velocity, authority.linear, time)
-    attitude = _place_of_rest(angles, spin, authority.angular, time)
-    stays = 0.0 * spin[0] + 1.0
+    place = _place_of_rest(seen.error, seen.velocity, authority.linear, time)
+    attitude = _place_of_rest(angles, seen.spin, authority.angular, time)
+    stays = 0.0 * seen.spin[0] + 1.0
     for vector, bound in (
-        (error, _COAST_DISTANCE),
+        (seen.error, _COAST_DISTANCE),
         (place, _COAST_DISTANCE),
         (angles, _COAST_ANGLE),
         (attitude, _COAST_ANGLE),
     ):
         stays = where(_square(vector) < bound * bound, stays, 0.0 * stays)
     moves = 1.0 - stays
-    return (
-        [moves * x for x in error],
-        (moves * cosine + stays, [moves * x for x in sines]),
-        [moves * x for x in velocity],
-        [moves * x for x in spin],
+    error, sines, velocity, spin = (
+        [moves * x for x in vector] for vector in (seen.error, seen.sines, seen.velocity, seen.spin)
     )
+    return Seen(error, moves * seen.cosine + stays, sines, velocity, spin)
 
 
-def nearer(
-    error: Sequence[Field],
-    turn: tuple[Field, Sequence[Field]],
-    farthest: Field,
-    is_gentle: Field,
-) -> tuple[list[Field], tuple[Field, list[Field]]]:
-    """The error and the turn to the goal, or their directions at a largest distance and angle.
+def nearer(seen: Seen, farthest: Field, is_gentle: Field) -> Seen:
+    """The state with the goal's place and attitude, or their directions at a largest distance and angle.
 
     The goal is so near that a craft which brakes in time flies and turns slowly: wheels that balance the torques of
     its thrusters take up momentum with its speed.
 
     Args:
-        error: see `columns`.
-        turn: see `columns`.
+        seen: the state.
         farthest: largest distance, m.
         is_gentle: 1 if the angle has a bound, else 0.
     """
-    cosine, sines = turn
-    distance = sqrt(at_least(_square(error), 1e-12))
+    distance = _distance(seen.error)
     scale = where(distance > farthest, farthest / distance, 1.0 + 0.0 * distance)
     # No cosine is below -2.
-    is_far = cosine < is_gentle * (math.cos(_LARGEST_TURN) + 2.0) - 2.0
-    ways = _direction(sines)
-    size = math.sin(_LARGEST_TURN)
-    return (
-        [scale * x for x in error],
-        (
-            where(is_far, math.cos(_LARGEST_TURN) + 0.0 * cosine, cosine),
-            [where(is_far, size * way, x) for way, x in zip(ways, sines, strict=True)],
-        ),
-    )
+    is_far = seen.cosine < is_gentle * (math.cos(_LARGEST_TURN) + 2.0) - 2.0
+    return seen.bounded(scale, is_far, _LARGEST_TURN)
 
 
-def finer(
-    error: Sequence[Field],
-    turn: tuple[Field, Sequence[Field]],
-    velocity: Sequence[Field],
-    spin: Sequence[Field],
-    authority: Authority,
-    frugality: Frugality,
-) -> tuple[
-    Sequence[Field], tuple[Field, Sequence[Field]], Sequence[Field], Sequence[Field], Authority
-]:
-    """The state and the authority as seen by a network whose tolerances are 5 cm and 5 degrees.
+def finer(seen: Seen, frugality: Frugality) -> Seen:
+    """The state as seen by a network whose tolerances are 5 cm and 5 degrees.
 
     By similarity a craft with a tolerance of 2 cm flies as one of 5 cm whose distances, velocities and
     accelerations are 2.5 times as large: times stay.
-
-    Args:
-        error: see `columns`, as for the others.
-        turn: see `columns`.
-        velocity: see `columns`.
-        spin: see `columns`.
-        authority: of the craft.
-        frugality: factors of lengths and of angles.
     """
     length, angle = frugality.finer, frugality.finer_turn
-    angles = rotation_vector(*turn)
+    angles = seen.angles
     size = within(angle * _length(angles), 0.0, _LARGEST_FINER)
-    return (
-        [length * x for x in error],
-        (cos(size), [sin(size) * way for way in _direction(angles)]),
-        [length * x for x in velocity],
-        [angle * x for x in spin],
-        authority.faster(length, angle),
+    return Seen(
+        [length * x for x in seen.error],
+        cos(size),
+        [sin(size) * way for way in _direction(angles)],
+        [length * x for x in seen.velocity],
+        [angle * x for x in seen.spin],
     )
 
 
-def shortened(
-    error: Sequence[Field], turn: tuple[Field, Sequence[Field]], frugality: Frugality
-) -> tuple[list[Field], tuple[Field, list[Field]]]:
-    """The error and the turn to the goal as a frugal network is given them.
+def shortened(seen: Seen, frugality: Frugality) -> Seen:
+    """The state with the error and the turn to the goal as a frugal network is given them.
 
     The craft flies and turns more slowly, as braking curves lead to less speed from a smaller distance and angle.
 
     The browser and compiled steps trace it: choices are `where`, and all ones are computed.
-
-    Args:
-        error: see `columns`.
-        turn: see `columns`.
-        frugality: part of the distance beyond 15 cm that counts and its growth, largest distance and angle.
     """
-    cosine, sines = turn
-    distance = sqrt(at_least(_square(error), 1e-12))
+    distance = _distance(seen.error)
     beyond = distance - NEAR
     part: Field = frugality.shortened
     if frugality.growth:
@@ -345,19 +314,10 @@ def shortened(
     if frugality.farthest:
         given = where(given > frugality.farthest, frugality.farthest + 0.0 * given, given)
     scale = given / distance
-    if not frugality.largest_angle:
-        return [scale * x for x in error], (cosine, list(sines))
-    least = math.cos(frugality.largest_angle)
-    size = math.sin(frugality.largest_angle)
-    is_far = cosine < least
-    ways = _direction(sines)
-    return (
-        [scale * x for x in error],
-        (
-            where(is_far, least + 0.0 * cosine, cosine),
-            [where(is_far, size * way, x) for way, x in zip(ways, sines, strict=True)],
-        ),
-    )
+    angle = frugality.largest_angle
+    if not angle:
+        return seen._replace(error=[scale * x for x in seen.error])
+    return seen.bounded(scale, seen.cosine < math.cos(angle), angle)
 
 
 def away(columns: Sequence[Field], dimension: int) -> Field:
@@ -437,23 +397,22 @@ def of_body(
     start = dimension + axes + 1
     error, rotation = body[start : start + dimension], body[start + dimension :]
     turn = (rotation[0], [rotation[1]]) if dimension == 2 else _cosine_and_sines(rotation)
+    seen = Seen(error, *turn, velocity, spin)
     if (frugality.finer, frugality.finer_turn) != (1.0, 1.0):
-        error, turn, velocity, spin, authority = finer(
-            error, turn, velocity, spin, authority, frugality
-        )
+        seen = finer(seen, frugality)
+        authority = authority.faster(frugality.finer, frugality.finer_turn)
         if farthest is not None:
             farthest = (frugality.finer * farthest[0], farthest[1])
     if coast:
-        periods = coast * frugality.coast
-        error, turn, velocity, spin = coasting(error, turn, velocity, spin, authority, periods)
+        seen = coasting(seen, authority, coast * frugality.coast)
     if frugality != AS_TRAINED:
-        error, turn = shortened(error, turn, frugality)
+        seen = shortened(seen, frugality)
     if farthest is not None:
-        error, turn = nearer(error, turn, *farthest)
+        seen = nearer(seen, *farthest)
     elif frugality.acceleration != 1.0:
         # Wheels would be full at a higher speed than the one of `nearer`.
         authority = authority.faster(frugality.acceleration, 1.0)
-    return columns(error, turn, velocity, spin, authority)
+    return columns(seen, authority)
 
 
 def _cosine_and_sines(rows: Sequence[Field]) -> tuple[Field, list[Field]]:
@@ -463,23 +422,6 @@ def _cosine_and_sines(rows: Sequence[Field]) -> tuple[Field, list[Field]]:
     cosine = 0.5 * (first.x + second.y + third.z) - 0.5
     sines = (third.y - second.z, first.z - third.x, second.x - first.y)
     return cosine, [0.5 * x for x in sines]
-
-
-def rotation_vector(cosine: Field, sines: Sequence[Field]) -> list[Field]:
-    """Rotation vector of a cosine and of a sine times the axis, rad: one number in the plane, three in space.
-
-    The angle is within 0.2 percent up to 1 rad and 8 percent at a half turn. It comes from the chord
-    2 sin(angle / 2), by a polynomial, because not every executor has an arc tangent.
-    """
-    half = sqrt(at_least(0.5 + 0.5 * cosine, 0.25))
-    behind = sqrt(at_least(2.0 - 2.0 * cosine, 1e-12))
-    chord = [
-        where(cosine > 0.0, sine / half, behind * way)
-        for sine, way in zip(sines, _direction(sines), strict=True)
-    ]
-    square = _square(chord)
-    factor = 1.0 + square * (1.0 / 24.0 + square * (3.0 / 640.0 + square * 0.0032))
-    return [x * factor for x in chord]
 
 
 def _more_along(vector: Sequence[Field], linear: Sequence[Field], reach: Sequence[Field]) -> Field:
@@ -503,7 +445,7 @@ def _more_along(vector: Sequence[Field], linear: Sequence[Field], reach: Sequenc
     least, axis = chosen(*ways[:4]), chosen(*ways[4:8])
     upper, lower = (where(x < 0.0, left, right) for right, left in (ways[8::2], ways[9::2]))
     corner = where(y < 0.0, lower, upper)
-    length = sqrt(at_least(x * x + y * y, 1e-12))
+    length = _distance(vector)
     most = length / ((large - small) / axis + small / (_HALF * corner))
     return within(most / least, 1.0, _MORE)
 
@@ -514,9 +456,14 @@ def _square(vector: Sequence[Field]) -> Field:
     return sum(others, first)
 
 
+def _distance(vector: Sequence[Field]) -> Field:
+    """Length of a vector, at least 1e-6."""
+    return sqrt(at_least(_square(vector), 1e-12))
+
+
 def _length(vector: Sequence[Field]) -> Field:
     """Length of a vector of one number or three."""
-    return absolute(vector[0]) if len(vector) == 1 else sqrt(at_least(_square(vector), 1e-12))
+    return absolute(vector[0]) if len(vector) == 1 else _distance(vector)
 
 
 def _direction(vector: Sequence[Field]) -> list[Field]:

@@ -14,16 +14,15 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans.extend import ConfigError, Spacecraft, brief, counted, read_text
-from rans.model.spacecraft import MOST_THRUSTERS
 from rans_any_craft.foreign import Foreign, Nozzle
+from rans_any_craft.joining import Lump, lumped
 
 _DECLARES = re.compile(r"<!\s*(ENTITY|ATTLIST|DOCTYPE)", re.IGNORECASE)
 """Declarations of entities, which can grow without bound."""
@@ -40,30 +39,6 @@ _LARGEST = 2**24
 """Bytes: descriptions have some ten thousand, their meshes lie in other files."""
 
 
-@dataclass(frozen=True)
-class _Pose:
-    """Rotation R and position p of a frame in another."""
-
-    R: np.ndarray
-    p: np.ndarray
-
-    def then(self, child: _Pose) -> _Pose:
-        return _Pose(self.R @ child.R, self.p + self.R @ child.p)
-
-
-_AT_ORIGIN = _Pose(np.eye(3), np.zeros(3))
-
-
-@dataclass(frozen=True)
-class _Link:
-    """Mass, centre and inertia of a link; pose and inertia in the frames of the file."""
-
-    mass: float
-    inertial: _Pose
-    """Frame of the inertia, at the centre of mass, in the frame of the link."""
-    inertia: np.ndarray
-
-
 def _check_body(what: str, mass: float, inertia: np.ndarray) -> None:
     """Refuse (`ConfigError`) a mass (kg) or an inertia (3, 3) (kg m^2) that no body has; both may be zero."""
     if mass < 0.0:
@@ -75,11 +50,6 @@ def _check_body(what: str, mass: float, inertia: np.ndarray) -> None:
             f"the inertia of {what} must be that of a body, no principal moment below zero or above the sum of the "
             f"others, got {low:.4g}, {middle:.4g} and {high:.4g} kg m^2."
         )
-
-
-def _tensor(inertia: np.ndarray) -> tuple[tuple[float, float, float], ...]:
-    symmetric = 0.5 * (inertia + inertia.T)
-    return tuple(_triple(row) for row in symmetric)
 
 
 def _triple(vector: Iterable[float]) -> tuple[float, float, float]:
@@ -123,7 +93,7 @@ def _numbers(text: str | None, count: int, what: str) -> np.ndarray:
 
 
 def _forces(
-    plugins: Iterable[ET.Element], links: Mapping[str, _Link], remarks: list[str]
+    plugins: Iterable[ET.Element], links: Collection[str], remarks: list[str]
 ) -> dict[str, float | None]:
     """Links that are thrusters, in the order of their commands, with their forces where a plugin says them.
 
@@ -220,14 +190,9 @@ def read_foreign(file: Path) -> Foreign:
     """
     text = read_text(file, _LARGEST, "the spacecraft file ")
     try:
-        draft = urdf(text, file.name)
+        return urdf(text, file.name)
     except ConfigError as error:
         raise ConfigError(f"{file}: {error}") from error
-    if len(draft.nozzles) > MOST_THRUSTERS:
-        raise ConfigError(
-            f"{file} has {len(draft.nozzles)} thrusters, and a spacecraft at most {MOST_THRUSTERS}."
-        )
-    return draft
 
 
 def urdf(text: str, name: str) -> Foreign:
@@ -240,8 +205,8 @@ def urdf(text: str, name: str) -> Foreign:
         raise ConfigError(f"a URDF's root is <robot>, got <{brief(root.tag)[1:-1]}>.")
     if any("xacro" in str(element.tag) for element in root.iter()):
         raise ConfigError(f"it is a xacro file: run `xacro {name} > robot.urdf` first.")
-    # Links, and of each child the parent and the pose in its frame.
-    links: dict[str, _Link] = {}
+    # Links in their own frames, and of each child the parent and the pose in its frame.
+    links: dict[str, Lump] = {}
     for element in root.findall("link"):
         own = element.get("name", "")
         if not own or own in links:
@@ -251,11 +216,10 @@ def urdf(text: str, name: str) -> Foreign:
         raise ConfigError(f"it must have 1 to {_MOST_LINKS:,} links, got {len(links):,}.")
     joints = {}
     for joint in root.findall("joint"):
-        ends = [
-            end.get("link", "") if (end := joint.find(side)) is not None else ""
-            for side in ("parent", "child")
-        ]
-        parent, child = ends
+        parent, child = (
+            "" if end is None else end.get("link", "")
+            for end in (joint.find("parent"), joint.find("child"))
+        )
         if parent not in links or child not in links:
             raise ConfigError(
                 f"the joint {brief(joint.get('name'))} joins {brief(parent)} and {brief(child)}, which must be "
@@ -268,7 +232,7 @@ def urdf(text: str, name: str) -> Foreign:
     if len(roots) != 1:
         raise ConfigError(f"it must have one root link, got {brief(roots)}.")
     # Poses in the frame of the root, parents before children.
-    poses = {roots[0]: _AT_ORIGIN}
+    poses = {roots[0]: np.eye(4)}
     waiting = dict(joints)
     while waiting:
         ready = [child for child, (parent, _) in waiting.items() if parent in poses]
@@ -276,7 +240,7 @@ def urdf(text: str, name: str) -> Foreign:
             raise ConfigError(f"the joints of {brief(sorted(waiting))} form a ring.")
         for child in ready:
             parent, origin = waiting.pop(child)
-            poses[child] = poses[parent].then(origin)
+            poses[child] = poses[parent] @ origin
     turning = [str(j.get("name")) for j in root.findall("joint") if j.get("type") == "continuous"]
     remarks: list[str] = []
     if turning:
@@ -284,50 +248,54 @@ def urdf(text: str, name: str) -> Foreign:
             f"its joints {brief(turning)} turn without limits: a reaction wheel is a [[wheel]] of the file"
         )
     forces = _forces(root.iterfind("gazebo/plugin"), links, remarks)
-    # One rigid body of all links, with the parallel-axis theorem, in the axes of the root.
-    mass = sum(link.mass for link in links.values())
-    if not mass > 0.0:
+    # One rigid body of all links, in the axes of the root.
+    placed = {own: _moved(link, poses[own]) for own, link in links.items()}
+    if not any(link.mass for link in links.values()):
         raise ConfigError("no link has a mass; is <inertial> missing?")
-    frames = {own: poses[own].then(link.inertial) for own, link in links.items()}
-    centre = np.sum([link.mass * frames[own].p for own, link in links.items()], axis=0) / mass
-    inertia = np.zeros((3, 3))
-    for own, link in links.items():
-        frame = frames[own]
-        arm = frame.p - centre
-        inertia += frame.R @ link.inertia @ frame.R.T
-        inertia += link.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    whole = lumped(list(placed.values()))
     nozzles = tuple(
-        Nozzle(own, _triple(frames[own].p), _triple(poses[own].R[:, 2]), force)
+        Nozzle(own, _triple(placed[own].centre), _triple(poses[own][:3, 2]), force)
         for own, force in forces.items()
     )
-    lumped = "" if len(links) == 1 else f", its {len(links)} links as one body with joints at zero"
-    tensor = _tensor(inertia) if inertia.any() else None
     return Foreign(
-        f"{name}{lumped}", mass, tensor, _triple(centre), nozzles, remarks=tuple(remarks)
+        name
+        if len(links) == 1
+        else f"{name}, its {len(links)} links as one body with joints at zero",
+        whole.mass,
+        tuple(map(_triple, whole.inertia)) if whole.inertia.any() else None,
+        _triple(whole.centre),
+        nozzles,
+        remarks=tuple(remarks),
     )
 
 
-def _link(link: ET.Element) -> _Link:
-    """Mass, centre and inertia of a link; without an inertial element it weighs nothing, as URDF says."""
+def _link(link: ET.Element) -> Lump:
+    """Mass properties of a link in its own frame; without an inertial element it weighs nothing, as URDF says."""
     inertial = link.find("inertial")
     if inertial is None:
-        return _Link(0.0, _AT_ORIGIN, np.zeros((3, 3)))
+        return Lump(0.0, np.zeros(3), np.zeros((3, 3)))
     weighed = inertial.find("mass")
     what = brief(link.get("name"))
     text = None if weighed is None else weighed.get("value")
     mass = float(_numbers(text, 1, f"the mass of {what}")[0])
     tensor = _inertia(inertial.find("inertia"))
     _check_body(f"the link {what}", mass, tensor)
-    return _Link(mass, _origin(inertial), tensor)
+    return _moved(Lump(mass, np.zeros(3), tensor), _origin(inertial))
 
 
-def _origin(element: ET.Element) -> _Pose:
-    """Pose of an element's origin; its angles are about fixed x, then y, then z, rad."""
+def _moved(body: Lump, pose: np.ndarray) -> Lump:
+    """A body in the frame in which its own has a pose (4, 4)."""
+    turn, place = pose[:3, :3], pose[:3, 3]
+    return Lump(body.mass, turn @ body.centre + place, turn @ body.inertia @ turn.T)
+
+
+def _origin(element: ET.Element) -> np.ndarray:
+    """Pose (4, 4) of an element's origin; its angles are about fixed x, then y, then z, rad."""
+    pose = np.eye(4)
     origin = element.find("origin")
-    if origin is None:
-        return _AT_ORIGIN
-    what = f"an origin in {brief(element.get('name') or element.tag)}"
-    zeros = "0 0 0"
-    angles = _numbers(origin.get("rpy", zeros), 3, f"rpy of {what}")
-    turned = Rotation.from_euler("xyz", angles).as_matrix()
-    return _Pose(turned, _numbers(origin.get("xyz", zeros), 3, f"xyz of {what}"))
+    if origin is not None:
+        what = f"an origin in {brief(element.get('name') or element.tag)}"
+        angles = _numbers(origin.get("rpy", "0 0 0"), 3, f"rpy of {what}")
+        pose[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+        pose[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3, f"xyz of {what}")
+    return pose

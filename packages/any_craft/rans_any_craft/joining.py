@@ -2,16 +2,38 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rans.api.drafting import Draft
 from rans.extend import ConfigError, Spacecraft, brief, load_spacecraft
+
+
+class Lump(NamedTuple):
+    """Mass properties of a rigid body."""
+
+    mass: float
+    """kg."""
+    centre: np.ndarray
+    """Centre of mass (3,), m, in a frame that several bodies have in common."""
+    inertia: np.ndarray
+    """About it, (3, 3), kg m^2, axes of that frame."""
+
+
+def lumped(bodies: Sequence[Lump]) -> Lump:
+    """One rigid body of several, of which one has a mass, by the parallel axis theorem."""
+    mass = sum(body.mass for body in bodies)
+    centre = np.sum([body.mass * body.centre for body in bodies], axis=0) / mass
+    inertia = np.zeros((3, 3))
+    for body in bodies:
+        arm = body.centre - centre
+        inertia += body.inertia + body.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    return Lump(mass, centre, 0.5 * (inertia + inertia.T))
 
 
 def join_spacecraft(
@@ -59,24 +81,20 @@ def join_spacecraft(
     if effectors == "both":
         _check_effectors(first, second)
 
-    # Mass, centre of mass and inertia.
-    mass = first.mass + second.mass
-    centres = (
-        np.array(first.centre_of_mass),
-        offset + rotation @ np.array(second.centre_of_mass),
-    )
-    centre = (first.mass * centres[0] + second.mass * centres[1]) / mass
-    passive = np.array(second.inertia)
+    inertia = np.array(second.inertia)
     if effectors == "first":
         # The inertia of a craft is without that of its wheels about their axes; locked wheels turn with it.
         for wheel in second.wheels:
-            passive = passive + wheel.inertia * np.outer(wheel.axis, wheel.axis)
-    own = (np.array(first.inertia), rotation @ passive @ rotation.T)
-    inertia = np.zeros((3, 3))
-    for craft, tensor, point in zip((first, second), own, centres, strict=True):
-        arm = point - centre
-        inertia += tensor + craft.mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
-    inertia = 0.5 * (inertia + inertia.T)
+            inertia = inertia + wheel.inertia * np.outer(wheel.axis, wheel.axis)
+    whole = [
+        Lump(first.mass, np.array(first.centre_of_mass), np.array(first.inertia)),
+        Lump(
+            second.mass,
+            offset + rotation @ np.array(second.centre_of_mass),
+            rotation @ inertia @ rotation.T,
+        ),
+    ]
+    both = lumped(whole)
 
     # Effectors, those of the second turned and moved.
     thrusters = first.thrusters
@@ -96,15 +114,15 @@ def join_spacecraft(
             replace(wheel, axis=_triple(rotation @ np.array(wheel.axis))) for wheel in second.wheels
         )
     reach = max(
-        float(np.linalg.norm(point - centre)) + craft.radius
-        for craft, point in zip((first, second), centres, strict=True)
+        float(np.linalg.norm(body.centre - both.centre)) + craft.radius
+        for craft, body in zip((first, second), whole, strict=True)
     )
     craft = replace(
         first,
         name=name or f"{first.name}-{second.name}",
-        mass=mass,
-        inertia=tuple(_triple(row) for row in inertia),
-        centre_of_mass=_triple(centre),
+        mass=both.mass,
+        inertia=tuple(_triple(row) for row in both.inertia),
+        centre_of_mass=_triple(both.centre),
         thrusters=thrusters,
         wheels=wheels,
         radius=reach,
@@ -135,36 +153,28 @@ def _mode(craft: Spacecraft) -> str:
     return f"{craft.actuators.kind} ({settings})" if settings else craft.actuators.kind
 
 
-def _numbers(values: Sequence[float], count: int, what: str) -> np.ndarray:
+def _numbers(values: object, count: int, what: str) -> np.ndarray:
     """Finite numbers as an array (count,), or `ConfigError`."""
-    sentence = f"the {what} must be {count} finite numbers, got {brief(values)}."
     try:
         found = np.atleast_1d(np.array(values, dtype=float))
-    except (TypeError, ValueError) as error:
-        raise ConfigError(sentence) from error
+    except (TypeError, ValueError):
+        found = np.zeros(0)
     if found.shape != (count,) or not np.isfinite(found).all():
-        raise ConfigError(sentence)
+        raise ConfigError(f"the {what} must be {count} finite numbers, got {brief(values)}.")
     return found
 
 
 def _rotation(attitude: float | Sequence[float], dimension: int) -> np.ndarray:
-    """Rotation matrix (3, 3) of a heading, of a quaternion, or of 0, which is none."""
-    if isinstance(attitude, int | float) and (dimension == 2 or attitude == 0):
-        angle = float(_numbers([attitude], 1, "heading")[0])
-        c, s = math.cos(angle), math.sin(angle)
-        return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    """Rotation matrix (3, 3) of a heading in the plane, and of a quaternion or of 0, which is none, in space."""
     if dimension == 2:
-        raise ConfigError(
-            f"the attitude in the plane must be a heading, rad, got {brief(attitude)}."
-        )
-    values = np.atleast_1d(attitude).tolist() if isinstance(attitude, int | float) else attitude
-    quaternion = _numbers(values, 4, "attitude")
-    length = float(np.linalg.norm(quaternion))
-    if length == 0.0:
+        heading = _numbers(attitude, 1, "attitude in the plane, a heading in rad,")
+        return Rotation.from_euler("z", heading[0]).as_matrix()
+    if isinstance(attitude, int | float) and attitude == 0:
+        return np.eye(3)
+    quaternion = _numbers(attitude, 4, "attitude")
+    if np.linalg.norm(quaternion) == 0.0:
         raise ConfigError("the attitude must not be a quaternion of zeros.")
-    w, x, y, z = quaternion / length
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + 2.0 * w * cross + 2.0 * cross @ cross
+    return Rotation.from_quat(quaternion, scalar_first=True).as_matrix()
 
 
 def _triple(vector: np.ndarray) -> tuple[float, float, float]:

@@ -3,7 +3,7 @@
 import math
 
 import pytest
-from rans_any_craft.authority import Authority, columns
+from rans_any_craft.authority import Authority, Seen, columns
 
 OWN = Authority.of_numbers((0.2, 0.1, 0.05, 0.2, 0.08, 0.5, 0.3))
 """Accelerations along +x, -x, +y, -y, m/s^2, and about +z, -z, rad/s^2."""
@@ -37,7 +37,7 @@ def test_a_velocity_rests_after_braking_as_the_craft_can_against_it(velocity, fa
         v * 0.2 + v * abs(v) / (2.0 * factor * a) for v, a in zip(velocity, against, strict=True)
     ]
     own = OWN._replace(reach=REACH)
-    found = columns(error, (1.0, [0.0]), list(velocity), [0.0], own)[4:6]
+    found = columns(Seen(error, 1.0, [0.0], velocity, [0.0]), own)[4:6]
     assert found == pytest.approx([0.0, 0.0], abs=1e-6)
 
 
@@ -51,13 +51,13 @@ def test_the_speed_of_approach_is_that_of_the_acceleration_toward_the_goal(way, 
     speed = math.sqrt(knee**2 + 2.0 * usable * distance) - knee
     velocity = [speed * x / distance for x in way]
     own = OWN._replace(reach=REACH)
-    found = columns(list(way), (1.0, [0.0]), velocity, [0.0], own)[6:8]
+    found = columns(Seen(way, 1.0, [0.0], velocity, [0.0]), own)[6:8]
     assert found == pytest.approx([0.0, 0.0], abs=1e-9)
 
 
 def test_a_craft_at_rest_at_its_goal_is_given_zeros_with_or_without_the_ways():
     rows = [
-        columns([0.0, 0.0], (1.0, [0.0]), [0.0, 0.0], [0.0], own)
+        columns(Seen([0.0, 0.0], 1.0, [0.0], [0.0, 0.0], [0.0]), own)
         for own in (OWN, OWN._replace(reach=REACH))
     ]
     assert rows[0] == rows[1]

@@ -10,7 +10,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from rans_any_craft.authority import Authority, of_body, shortened
+from rans_any_craft.authority import Authority, Seen, of_body, shortened
 from rans_any_craft.backbone import ALLOCATED, AWAY
 from rans_any_craft.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed, numbers_of
 from rans_any_craft.networks import for_craft
@@ -101,35 +101,38 @@ def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle()
     assert given_of(at_value(network, 1.0, 12.0, 25.0)) == pytest.approx([3.0, 3.5, 4.0])
 
 
+def at(error: list[float], angle: float = 0.0) -> Seen:
+    """A craft at rest, with the goal at a vector (m) and at an angle (rad) to its left."""
+    return Seen(error, math.cos(angle), [math.sin(angle)], [0.0, 0.0], [0.0])
+
+
 def given_of(network: Network) -> list[float]:
     """Distances that a network is given of 3, 3.5 and 4 m."""
     numbers = numbers_of(network.architecture)
-    return [
-        float(shortened([distance, 0.0], (1.0, [0.0]), numbers)[0][0])
-        for distance in (3.0, 3.5, 4.0)
-    ]
+    return [float(shortened(at([distance, 0.0]), numbers).error[0]) for distance in (3.0, 3.5, 4.0)]
 
 
 def test_distance_and_angle_by_hand():
     """Beyond 15 cm a quarter counts: 3 m along x become 0.15 + 0.25 * 2.85 m; then 0.5 m bound them."""
     half = Frugality(0.25, 0.0, 0.0, 1.0)
-    (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half)
+    (x, y) = shortened(at([3.0, 0.0]), half).error
     assert (x, y) == pytest.approx((0.8625, 0.0))
-    (x, y), _ = shortened([0.0, -3.0], (1.0, [0.0]), half._replace(farthest=0.5))
+    (x, y) = shortened(at([0.0, -3.0]), half._replace(farthest=0.5)).error
     assert (x, y) == pytest.approx((0.0, -0.5))
     # What counts grows by 0.1 for each metre, to 0.535 at 3 m, and to all that there is.
-    (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half._replace(growth=0.1))
+    (x, y) = shortened(at([3.0, 0.0]), half._replace(growth=0.1)).error
     assert (x, y) == pytest.approx((1.67475, 0.0))
-    (x, y), _ = shortened([3.0, 0.0], (1.0, [0.0]), half._replace(growth=1.0))
+    (x, y) = shortened(at([3.0, 0.0]), half._replace(growth=1.0)).error
     assert (x, y) == pytest.approx((3.0, 0.0))
     near = [0.06, 0.08]  # 10 cm away, which are left as they are
-    assert shortened(near, (1.0, [0.0]), half)[0] == pytest.approx(near)
+    assert shortened(at(near), half).error == pytest.approx(near)
     # A turn by -120 degrees becomes one by -30 degrees, and one by 20 degrees stays.
     third = half._replace(largest_angle=math.pi / 6)
     for degrees, expected in ((-120.0, -30.0), (20.0, 20.0)):
         angle = math.radians(degrees)
-        _, (cosine, (sine,)) = shortened([1.0, 0.0], (math.cos(angle), [math.sin(angle)]), third)
-        assert math.degrees(math.atan2(float(sine), float(cosine))) == pytest.approx(expected)
+        found = shortened(at([1.0, 0.0], angle), third)
+        (sine,) = found.sines
+        assert math.degrees(math.atan2(float(sine), float(found.cosine))) == pytest.approx(expected)
 
 
 def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm():

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from rans_any_craft.authority import Authority, braking_distance, nearer
+from rans_any_craft.authority import Authority, Seen, braking_distance, nearer
 from rans_any_craft.networks import authority, farthest, for_craft, without
 
 import rans
@@ -82,11 +82,11 @@ def test_a_far_goal_is_near_in_its_direction():
     """5 m and 1 rad become half a metre and 0.35 rad, about the same axis; what is nearer stays."""
     for far, slow in ((1.0, 1.0), (1.0, 0.0), (0.01, 1.0)):
         error = [3.0 * far, 0.0, -4.0 * far]
-        turn = np.cos(far), [0.0, 0.6 * np.sin(far), 0.8 * np.sin(far)]
+        sines = [0.0, 0.6 * np.sin(far), 0.8 * np.sin(far)]
         angle = min(far, 0.35) if slow else far
-        found, (cosine, sines) = nearer(error, turn, 0.5, slow)
-        assert found == pytest.approx([x * min(1.0, 0.1 / far) for x in error])
-        assert [cosine, *sines] == pytest.approx(
+        found = nearer(Seen(error, np.cos(far), sines, [], []), 0.5, slow)
+        assert found.error == pytest.approx([x * min(1.0, 0.1 / far) for x in error])
+        assert [found.cosine, *found.sines] == pytest.approx(
             [np.cos(angle), 0.0, 0.6 * np.sin(angle), 0.8 * np.sin(angle)]
         )
 
