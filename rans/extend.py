@@ -22,10 +22,7 @@ if TYPE_CHECKING:
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
-    from rans.compile.flight_program import FlightProgram as FlightProgram
     from rans.compile.machine_code import MachineCode as MachineCode
-    from rans.compile.preprocess import NetworkProgram as NetworkProgram
-    from rans.compile.preprocess import PolicyPrograms as PolicyPrograms
     from rans.compile.step_program import StepProgram as StepProgram
     from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.forms import FORMATS as FORMATS
@@ -85,6 +82,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
+    from rans.fast.learn.graph import fused as fused
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Batch as Batch
     from rans.fast.learn.rollout import Rollout as Rollout
@@ -160,6 +158,7 @@ if TYPE_CHECKING:
     from rans.optimal.control.regulator import ModelBased as ModelBased
     from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
     from rans.policy.adaptation import Rows as Rows
+    from rans.policy.architecture import EXTRACTOR as EXTRACTOR
     from rans.policy.architecture import Architecture as Architecture
     from rans.policy.backbones import Backbone as Backbone
     from rans.policy.capabilities import Capabilities as Capabilities
@@ -171,6 +170,7 @@ if TYPE_CHECKING:
     from rans.policy.preprocess import TorchPreprocessor as TorchPreprocessor
     from rans.policy.program import Program as Program
     from rans.policy.program import RowStep as RowStep
+    from rans.policy.program import inputs as inputs
     from rans.policy.subsets import subsets as subsets
     from rans.processes import Workers as Workers
     from rans.progress import Progress as Progress

@@ -140,9 +140,7 @@ class FlightStatistics:
         steps = world.timing.episode_steps
         failure, settled = outcome
         failed = np.flatnonzero(failure)[:listed]
-        # Open thrusters are summed over the last fifth of an episode: over its slots they are a duty cycle.
-        slots = last_fifth(steps) * world.craft.thruster_count
-        values = zip(QUANTITIES, totals, (1.0, 1.0, 1.0 / slots), strict=True)
+        values = zip(QUANTITIES, totals, _scales(world), strict=True)
         counts = np.bincount(failure, minlength=len(Failure) + 1)[1:].tolist()
         return cls(
             len(failure),
@@ -155,3 +153,50 @@ class FlightStatistics:
             listed,
             frozenset({way}),
         )
+
+    @classmethod
+    def summed(
+        cls,
+        world: World,
+        flights: int,
+        ended: np.ndarray,
+        numbers: np.ndarray,
+        kinds: np.ndarray,
+        totals: np.ndarray,
+        listed: int,
+        way: str,
+    ) -> FlightStatistics:
+        """Statistics of flights that were counted and summed where they flew.
+
+        Args:
+            world: setup of the flights.
+            flights: number of flights.
+            ended: number of flights by kind of failure, then of solved ones by the instant at which they settled.
+            numbers: scenario numbers of the listed unsolved flights, ascending, (M,).
+            kinds: their kinds of failure, (M,) uint8.
+            totals: sums and sums of squares (3, 2) of return, impulse, and open thrusters in the last fifth.
+            listed: largest number of unsolved flights that are listed.
+            way: device and precision that computed the flights.
+        """
+        kinds_of_failure = len(Failure)
+        values = zip(QUANTITIES, totals.tolist(), _scales(world), strict=True)
+        return cls(
+            flights,
+            world.timing.episode_steps,
+            ended[kinds_of_failure:],
+            dict(zip(Failure, ended[:kinds_of_failure].tolist(), strict=True)),
+            numbers.astype(np.int64),
+            kinds,
+            {
+                name: Sums(total * scale, squares * scale**2, flights)
+                for name, (total, squares), scale in values
+            },
+            listed,
+            frozenset({way}),
+        )
+
+
+def _scales(world: World) -> tuple[float, float, float]:
+    """Factors of the totals: over the slots of the last fifth of an episode, open thrusters are a duty cycle."""
+    slots = last_fifth(world.timing.episode_steps) * world.craft.thruster_count
+    return 1.0, 1.0, 1.0 / slots

@@ -161,7 +161,7 @@ class Train(Options):
     def run(self) -> int:
         """Train with progress; the exit code is 130 or 143 if it was stopped early."""
         self._check()
-        from rans.compile.cuda.driver import open_ahead
+        from rans.fast.device import open_ahead
 
         if self.device != "cpu":
             open_ahead()

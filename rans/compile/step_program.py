@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
@@ -97,6 +97,8 @@ class StepProgram:
     shape: StepShape
     commands: tuple[Symbol, ...]
     """Inputs that an action is written into."""
+    observed: Callable[[], tuple[Symbol, ...]]
+    """Traces the columns of the current observation, before a step."""
 
     def going(self) -> list[BufferWrite]:
         """Writes where no episode ends, simplified for that case."""
@@ -135,13 +137,19 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
     """Trace one step of these episodes; TypeError where a task does more than arithmetic on fields.
 
     What a store is called, and its row, is read by both executors: arrays of NumPy or torch, and the kernel's text.
+    Symbols are numbered in the order in which memory and settings are walked; executors hand arrays over in that
+    order.
     """
-    world, inputs, memory, settings = on_symbols(world, episode)
+    settings: list[Input] = []
+    setup = world.setup._replace(task=_with_symbols(world.task, settings))
+    world = dataclasses.replace(world, setup=setup)
+    memory, inputs = _remembered(episode)
     command = tuple(Symbol.input(f"command_{i}") for i in range(world.craft.command_count))
     low, high, first, stride = (
         Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
     )
-    stepped = step_and_restart(world, inputs, command, Draws(low, high, first, stride, dtype))
+    draws = Draws(low, high, first, stride, dtype)
+    stepped = step_and_restart(world, inputs, command, draws)
     outcome = stepped.outcome
     ended = stepped.outcome.ended
     terms, reward = paid(outcome.terms, outcome.terminated)
@@ -161,30 +169,20 @@ def trace_step(world: World, episode: Episode, dtype: Any) -> StepProgram:
             always.append(store)
         elif begun.value is not symbol:
             at_end.append(begun)
+
+    def observed() -> tuple[Symbol, ...]:
+        return tuple(map(Symbol.constant, world.observe(world.recalled(inputs, draws), draws)))
+
     return StepProgram(
         memory,
-        settings,
+        tuple(settings),
         ended,
         tuple(always),
         tuple(at_end),
         StepShape(len(stepped.observation), len(outcome.terms)),
         command,
+        observed,
     )
-
-
-def on_symbols(
-    world: World, episode: Episode
-) -> tuple[World, Episode, tuple[Input, ...], tuple[Input, ...]]:
-    """World and episode with symbols for what lies in memory: the episode's, and the task's settings.
-
-    Symbols are numbered in the order in which memory and settings are walked; executors hand arrays over in that
-    order.
-    """
-    settings: list[Input] = []
-    setup = world.setup._replace(task=_with_symbols(world.task, settings))
-    world = dataclasses.replace(world, setup=setup)
-    memory, inputs = _remembered(episode)
-    return world, inputs, memory, tuple(settings)
 
 
 def _rows(array: Any, values: Any) -> Iterator[BufferWrite]:

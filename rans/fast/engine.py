@@ -20,8 +20,7 @@ from rans.episode import Episode, Guard, Setup, World
 from rans.errors import ConfigError, brief, checked
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
-from rans.fast.stepping.compiled import stepping
-from rans.fast.stepping.kernel import Kernel
+from rans.fast.stepping.compiled import generated_step, stepping
 from rans.fast.stepping.step import (
     Backend,
     Step,
@@ -67,8 +66,8 @@ class Engine:
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: whether a step is one compiled kernel; by default on a GPU only. Otherwise a CPU runs the same
             source on NumPy, two to six times faster than uncompiled torch.
-        generated: whether a GPU uses the generated kernel of docs/decisions/kernels.md, which is 1.4
-            to 2.7 times as fast as that of torch.compile, its replacement where it cannot be generated.
+        generated: whether a GPU uses a package's kernel (docs/decisions/kernels.md), which is 1.4 to 2.7 times as
+            fast as that of torch.compile, its replacement where there is none.
         processes: processes that share the batch; ``num_envs`` is the number of this one.
         body: mass properties and thruster health of each spacecraft, numbers or (N,); None: as designed.
         conditions: domain randomization, disturbances, faults and sensors, as a name, a TOML file or an object;
@@ -169,7 +168,7 @@ class Engine:
         self.episode = backend.episodes(*buffers, remember)
         self._kernel = None
         if generated and self.compiled and self.device.type == "cuda":
-            self._kernel = Kernel.made(self._world, self.episode, draws, processes, dtype)
+            self._kernel = generated_step("cuda", self._world, self.episode, draws)
         if self._kernel is None:
             self.episode = backend.episodes(*buffers, remember=True)
         self._step = stepping(backend, self.compiled and self._kernel is None, plain)
@@ -249,7 +248,7 @@ class Engine:
 
     def observe(self) -> Tensor:
         """Current observation, (N, width)."""
-        if self._kernel is not None:
+        if self._kernel is not None and self._kernel.observe:
             return self._kernel.observe()
         now = self._world.recalled(self.episode, self._draws)
         return self._backend.stack(self._world.observe(now, self._draws)).T

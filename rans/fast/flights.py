@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import os
+import warnings
 from collections.abc import Generator, Iterator, Sequence
 from contextlib import closing
 
 import numpy as np
 import torch
 
-from rans.compile.cuda.flight import FlightKernel, Products
-from rans.compile.flight_program import trace_flight
-from rans.compile.machine_code import WholeFlights, machine_code
+from rans.compile.machine_code import Products, WholeFlights, machine_code
 from rans.effectors.commands import of_outputs
 from rans.episode import Episode, Outcome, Setup, World, step
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, RansWarning, brief
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
 from rans.flight_statistics import FlightStatistics
@@ -22,7 +21,6 @@ from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
 from rans.policy.network import Network
-from rans.policy.traced import parameters
 from rans.processes import Workers, processors
 from rans.progress import Progress, unseen
 from rans.verdict import FlightAccumulator
@@ -35,8 +33,6 @@ _MANY = 2**17
 """Number of flights from which several processes are used, which take seconds to start."""
 _SHARE = 2 * BATCH["cpu"]
 """Number of flights that a process runs between two results, about one second; an interrupt loses them."""
-_MOST_PATTERNS = 128
-"""Largest number of ways to open thrusters that machine code compares."""
 LISTED = 100_000
 """Largest number of failed flights that are listed by number."""
 
@@ -81,26 +77,24 @@ class Flights:
         )
         self._whole = self._made(products) if generated and not plain else None
 
-    def _made(self, products: Products) -> FlightKernel | WholeFlights | None:
-        """Generated program of whole flights; None if there is none, with a warning on a GPU.
+    def _made(self, products: Products) -> WholeFlights | None:
+        """Generated program of whole flights; None if there is none, with a warning on a GPU that has machine code.
 
         Its flights equal those of `_stepped` to rounding, so that a flight near a bound may count otherwise in one
         of them.
         """
-        if getattr(self._setup.guard, "by_values", False):
+        code = machine_code(self.device.type)
+        if code is None or getattr(self._setup.guard, "by_values", False):
             return None
-        if self.device.type == "cuda":
-            return FlightKernel.made(self.world, self._network, self.device, products)
-        code = machine_code()
-        architecture = self._network.architecture
-        if code is None or code.flown.missing(architecture):
-            return None
-        if architecture.kind.choices(architecture) > _MOST_PATTERNS:
-            return None  # which a product of matrices compares faster
         try:
-            tables = parameters(self._network)
-            return code.flights(self.world, trace_flight(self.world, architecture, tables), tables)
-        except UNTRACEABLE:  # the task uses more than arithmetic on fields
+            return code.flights(self.world, self._network, self.device, products)
+        except (OSError, *UNTRACEABLE) as error:
+            if self.device.type == "cuda":
+                warnings.warn(
+                    f"these flights are stepped, which is slower: {error}",
+                    RansWarning,
+                    stacklevel=3,
+                )
             return None
 
     def fly(
@@ -133,7 +127,8 @@ class Flights:
         if self.device.type == "cpu" and count >= _MANY:
             yield from self._divided(_parts(first, count, _SHARE), seed)
             return
-        size = _LAUNCH if isinstance(self._whole, FlightKernel) else BATCH[self.device.type]
+        is_launched = self._whole is not None and self.device.type == "cuda"
+        size = _LAUNCH if is_launched else BATCH[self.device.type]
         for begin, part_size in _parts(first, count, size):
             with one_thread():
                 part = self._part(begin, part_size, seed)

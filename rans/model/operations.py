@@ -249,25 +249,3 @@ JAVASCRIPT = Dialect(
     bools={"&": "{0}&&{1}", "|": "{0}||{1}", "^": "{0}!=={1}"},
 )
 """JavaScript in double precision, as pages have it."""
-
-CUDA = Dialect(
-    "CUDA",
-    "{0} {sign} {1}",
-    "{name}",
-    _ANY,
-    _OF_ROWS,
-    {
-        "neg": "-{0}",
-        "where": "{0} ? {1} : {2}",
-        "sin": "sine({0})",
-        "cos": "cosine({0})",
-        "exp": "exponential({0})",
-        "log": "logarithm({0})",
-        "log1p": "logarithm_of_one_plus({0})",
-        "minimum": "min({0}, {1})",
-        "maximum": "max({0}, {1})",
-    },
-    # Signed arithmetic may not wrap around in C.
-    ints={sign: f"int(unsigned({{0}}) {sign} unsigned({{1}}))" for sign in "+-*"},
-)
-"""CUDA C++ with the functions of `rans/compile/cuda/functions.cuh`."""

@@ -36,5 +36,3 @@ ACTIVATIONS = {
     "silu": Activation("SiLU", lambda x: x * (tanh(x * 0.5) * 0.5 + 0.5)),
 }
 """By their names in settings and agents' files."""
-WITH_SLOPE = tuple(name for name, activation in ACTIVATIONS.items() if activation.slope is not None)
-"""Those of which the gradients without autograd are computed."""

@@ -80,10 +80,7 @@ class TorchPreprocessor(ColumnExecutor):
         return torch.stack(self._architecture.preprocessed(observation.unbind(dim=1)), dim=1)
 
     def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `ColumnExecutor`; there are filters, or several sides and a way to go.
-
-        Other executors are compared with it (`tests/compile/test_preprocess.py`).
-        """
+        """See `ColumnExecutor`; there are filters, or several sides and a way to go."""
         architecture = self._architecture
         if architecture.adapts:
             read, memory = rows.tensor_split([architecture.read_count], dim=1)

@@ -7,7 +7,6 @@ import json
 import shutil
 import subprocess
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -17,28 +16,7 @@ import pytest
 from rans.model import operations
 from rans.model.operations import NUMBERS, OPERATIONS, ROWS, Dialect, of_row
 from rans.policy.program import RowStep
-from tests.support.operations import COUNT, Key, Run, check, columns, compiled
-
-SHIMS = """#include <cmath>
-#include <cstring>
-#include <algorithm>
-using std::abs; using std::max; using std::min; using std::floor; using std::sqrt; using std::tanh;
-using std::atan2; using std::log1p;
-#define __device__
-#define __expf std::exp
-#define __logf std::log
-static inline int __float_as_int(float x) { int bits; memcpy(&bits, &x, 4); return bits; }
-typedef float real;
-"""
-"""What CUDA C++ has and C++ has not, for the functions of our kernels on a CPU."""
-
-
-def of_cuda(
-    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
-) -> dict[Key, Any]:
-    functions = files("rans.compile.cuda").joinpath("functions.cuh").read_text("utf-8")
-    beginning = f'{SHIMS}{functions}\nextern "C" {{ OPERATIONS }}'
-    return compiled(["c++"], beginning, dialect, given, folder)
+from tests.support.operations import COUNT, Key, Run, check, columns
 
 
 def of_javascript(
@@ -89,7 +67,6 @@ def of_python(
 
 
 LANGUAGES: dict[str, tuple[Dialect, Run, type]] = {
-    "CUDA": (operations.CUDA, of_cuda, np.float32),
     "JavaScript": (operations.JAVASCRIPT, of_javascript, np.float64),
     "NumPy": (operations.NUMPY, of_numpy, np.float64),
     "Python": (operations.PYTHON, of_python, np.float64),
@@ -139,6 +116,7 @@ OWN_TABLES = {
     "rans/model/operations.py",
     "rans/model/trace.py",  # Python's methods of operators
     "packages/c_code/rans_c_code/text.py",
+    "packages/machine_code/rans_machine_code/cuda/source.py",
     "packages/machine_code/rans_machine_code/llvm.py",
     "rans/policy/scalars.py",  # functions of fields of any library, with gradients
 }

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from rans_machine_code.cuda.flight import FlightKernel
 
-from rans.compile.cuda.flight import FlightKernel
 from rans.episode import World
 from rans.policy.network import Network
 from tests.support.host_kernels import COMPILER

@@ -14,9 +14,10 @@ from typing import Any
 
 import pytest
 import torch
+from rans_machine_code.cuda.step import Kernel
 
 from rans import Engine
-from rans.fast.stepping.kernel import Kernel
+from rans.compile.step_program import trace_step
 from rans.fast.stepping.step import Step
 from tests.support.engines import actions
 
@@ -38,13 +39,8 @@ class HostKernel(Kernel):
     """
 
     def __init__(self, engine: Engine, folder: Path) -> None:
-        super().__init__(
-            engine._world,
-            engine.episode,
-            engine._draws,
-            engine.processes,
-            engine.dtype,
-        )
+        program = trace_step(engine._world, engine.episode, engine.dtype)
+        super().__init__(program, engine._draws)
         self._folder = folder
         self._libraries: dict[torch.dtype | None, CDLL] = {}
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import torch
 
-from rans.compile.cuda.flight import Products
+from rans.compile.machine_code import Products
 from rans.episode import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights

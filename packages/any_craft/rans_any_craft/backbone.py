@@ -23,10 +23,10 @@ from rans.extend import (
     Patterns,
     Program,
     Spacecraft,
+    inputs,
     where,
 )
 from rans.policy.backbones import AnyCraft
-from rans.policy.program import inputs
 from rans_any_craft.adaptation import Adaptation, estimator
 from rans_any_craft.allocated import (
     ON_OFF,

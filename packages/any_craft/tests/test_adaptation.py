@@ -12,7 +12,7 @@ from rans_any_craft.adaptation import Adaptation
 from rans_any_craft.backbone import ALLOCATED
 from rans_any_craft.networks import for_craft
 
-from rans.compile.preprocess import compiled_preprocessor
+from rans.compile.machine_code import compiled_preprocessor
 from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.any_craft import for_spacecraft

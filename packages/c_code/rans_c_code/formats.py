@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from rans.extend import Format, Network
-from rans.policy.architecture import EXTRACTOR
+from rans.extend import EXTRACTOR, Format, Network
 from rans_c_code.compiler import compiled_check
 from rans_c_code.compressed import in_steps
 from rans_c_code.files import write_c

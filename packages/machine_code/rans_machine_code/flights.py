@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import torch
 
-from rans.extend import (
-    Capabilities,
-    FlightProgram,
-    FlightStatistics,
-    Symbol,
-    World,
-    draws,
-)
+from rans.extend import Capabilities, FlightStatistics, Network, Symbol, World, draws
 from rans_machine_code.network import CompiledNetwork, NetworkCode
+from rans_machine_code.policies import FlightProgram, trace_flight
 from rans_machine_code.program import CompiledProgram
 
-FLOWN = Capabilities(backbones=("dense", "allocated"))
+_FLOWN = Capabilities(backbones=("dense", "allocated"))
 """Kinds of policies that these flights fly."""
+_MOST_PATTERNS = 128
+"""Largest number of ways to open thrusters that are compared; a product of matrices compares more faster."""
 _NONE = np.empty(0, np.float32)
+
+
+def cpu_flights(world: World, network: Network, *_: object) -> CpuFlights:
+    """Flights of a policy in a world in float32, whose task's settings are numbers.
+
+    Raises:
+        TypeError: the policy is of another kind, or the task does more than arithmetic on fields.
+    """
+    architecture = network.architecture
+    if lacking := _FLOWN.missing(architecture):
+        raise TypeError(lacking)
+    if (patterns := architecture.kind.choices(architecture)) > _MOST_PATTERNS:
+        raise TypeError(f"{patterns} ways to open thrusters")
+    return CpuFlights(world, trace_flight(world, network, lookups=False))
 
 
 class CpuFlights:
@@ -28,16 +36,10 @@ class CpuFlights:
 
     Args:
         world: in float32; its task's settings are numbers.
-        program: traced program of these flights, with the policy's tables in it.
-        tables: the policy's parameters (`rans.policy.traced.parameters`).
+        program: traced program of these flights, without lookups.
     """
 
-    def __init__(
-        self,
-        world: World,
-        program: FlightProgram,
-        tables: Mapping[str, np.ndarray],
-    ) -> None:
+    def __init__(self, world: World, program: FlightProgram) -> None:
         # The order of the step's parts is that in which `fly` runs them, since each may use what earlier ones have
         # computed.
         self._world = world
@@ -73,7 +75,10 @@ class CpuFlights:
                     stage.outputs,
                     stage.outputs,
                 ),
-                [(tables[layer.weight], tables[layer.bias]) for layer in stage.layers],
+                [
+                    (program.tables[layer.weight], program.tables[layer.bias])
+                    for layer in stage.layers
+                ],
             )
             for stage in program.policy.stages
         ]

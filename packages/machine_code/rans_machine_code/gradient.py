@@ -16,7 +16,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile import loss_gradient
 from rans.extend import (
     ACTIVATIONS,
     Adam,
@@ -27,6 +26,7 @@ from rans.extend import (
     Symbol,
     leaves,
 )
+from rans_machine_code import loss_gradient
 from rans_machine_code.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, compiled
 from rans_machine_code.matmul import (
     WIDTH,
@@ -46,7 +46,7 @@ _LOSS_INPUTS = 3
 
 _SUPPORTED = Capabilities(
     heads=("on-off",),
-    activations=tuple(name for name, one in ACTIVATIONS.items() if one.slope is not None),
+    activations=loss_gradient.WITH_SLOPE,
     privileged_critic=False,
 )
 
@@ -204,7 +204,7 @@ class GradientCode(NamedTuple):
         scalars: Value,
         tile: Value,
     ) -> None:
-        """Print the losses of a tile (`rans.compile.loss_gradient`), `LANES` samples at a time.
+        """Print the losses of a tile (`rans_machine_code.loss_gradient`), `LANES` samples at a time.
 
         Args:
             code: of the function.
@@ -344,7 +344,7 @@ def gradient(
 class CpuGradient:
     """Gradients of minibatches on a CPU, written into its `Adam.gradient`.
 
-    `rans.fast.learn.fused_gradient` is its counterpart on a GPU.
+    `rans_machine_code.cuda.gradient` has its counterpart on a GPU.
 
     Args:
         network: see `gradient`.

@@ -10,9 +10,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.extend import Architecture, Capabilities, NetworkProgram, Symbol
+from rans.extend import Architecture, Capabilities, Symbol
 from rans_machine_code.llvm import FLOAT, LANES, LONG, POINTER, TILE, Code, Value, compiled
 from rans_machine_code.matmul import WIDTH, dense_layer
+from rans_machine_code.policies import NetworkProgram
 
 
 class NetworkCode(NamedTuple):

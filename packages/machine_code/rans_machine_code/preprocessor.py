@@ -9,55 +9,39 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.extend import ColumnExecutor, PolicyPrograms, TorchPreprocessor
+from rans.extend import Architecture, ColumnExecutor, TorchPreprocessor
 from rans_machine_code.network import CpuActorCritic
+from rans_machine_code.policies import RowsPreprocessor, network_program
 from rans_machine_code.program import CompiledProgram, ProgramMemory
 
 _MOST_ROWS = 4096
 """Rows that the programs take; more, as a whole rollout's, are left to torch, which uses several cores."""
-_IN_BODY = 0
-_VIEWED = 1
-_NEXT_FILTER_MEMORY = 2
-"""Indices into `PolicyPrograms.rows`, by the method of `ColumnExecutor` that each computes."""
 
 
-class CpuPreprocessor(ColumnExecutor):
+def preprocessor(
+    architecture: Architecture, plain: TorchPreprocessor, like: Tensor
+) -> ColumnExecutor:
+    """Machine code in single precision; torch's in double precision, which only serves comparisons."""
+    is_single = like.dtype == torch.float32
+    return CpuPreprocessor(architecture, plain) if is_single else plain
+
+
+class CpuPreprocessor(RowsPreprocessor):
     """Preprocessor on a CPU: machine code over NumPy arrays, in single precision; not thread-safe.
 
     Args:
-        policy: programs of the network.
+        architecture: of the network.
         plain: preprocessor for gradients, for large batches, and for what cannot be compiled.
     """
 
-    def __init__(self, policy: PolicyPrograms, plain: TorchPreprocessor) -> None:
-        self._policy = policy
-        self._plain = plain
+    def __init__(self, architecture: Architecture, plain: TorchPreprocessor) -> None:
+        super().__init__(architecture, plain)
         self._actor_critic: tuple[Tensor, CpuActorCritic | None] | None = None
         """Whole network compiled with the weights of a tensor, and that tensor."""
 
-    def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[PolicyPrograms, TorchPreprocessor]]:
+    def __reduce__(self) -> tuple[type[CpuPreprocessor], tuple[Architecture, TorchPreprocessor]]:
         """Pickling leaves out compiled code and scratch memory, which a copy makes anew."""
-        return CpuPreprocessor, (self._policy, self._plain)
-
-    def in_body(self, observation: Tensor) -> Tensor:
-        """See `ColumnExecutor`."""
-        return (
-            self._rows(_IN_BODY, observation)[0]
-            if self._can_run(observation)
-            else self._plain.in_body(observation)
-        )
-
-    def viewed(self, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """See `ColumnExecutor`."""
-        return self._rows(_VIEWED, rows) if self._can_run(rows) else self._plain.viewed(rows)
-
-    def next_filter_memory(self, rows: Tensor) -> Tensor:
-        """See `ColumnExecutor`."""
-        return (
-            self._rows(_NEXT_FILTER_MEMORY, rows)[0]
-            if self._can_run(rows)
-            else self._plain.next_filter_memory(rows)
-        )
+        return CpuPreprocessor, (self._architecture, self._plain)
 
     def whole(
         self, observation: Tensor, tensors: Mapping[str, Tensor]
@@ -77,36 +61,29 @@ class CpuPreprocessor(ColumnExecutor):
 
         Asked for every new tensor of weights; networks of one shape share their machine code.
         """
-        architecture = self._policy.architecture
+        architecture = self._architecture
         if CpuActorCritic.capabilities.missing(architecture):
             return None
-        program = self._policy.network()
+        program = network_program(architecture)
         return CpuActorCritic(architecture, program, tensors) if program else None
-
-    def _can_run(self, rows: Tensor) -> bool:
-        return _is_plain_forward(rows) and len(rows) <= _MOST_ROWS and self._programs is not None
 
     @cached_property
     def _programs(self) -> list[CompiledProgram] | None:
-        """Compiled programs of the preprocessing; None if it cannot be traced.
-
-        The last output of each is a whole number, the side; `tests/compile/test_preprocess.py` asks for torch's
-        numbers.
-        """
-        rows = self._policy.rows()
-        return None if rows is None else [CompiledProgram(*program) for program in rows]
+        """Compiled programs of the preprocessing; None if it cannot be traced."""
+        return self._made(lambda program: CompiledProgram(*program))
 
     @cached_property
     def _memory(self) -> dict[tuple[int, int], ProgramMemory]:
         """Scratch memory by the index of a program and the number of rows."""
         return {}
 
-    def _rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width).
+    def _run(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor] | None:
+        """See `RowsPreprocessor`; `tests/test_preprocessor.py` asks for torch's numbers.
 
         Memory is made once for each length of the rows; the results are copies.
         """
-        assert self._programs is not None
+        if not _is_plain_forward(rows) or len(rows) > _MOST_ROWS or self._programs is None:
+            return None
         if (memory := self._memory.get((number, len(rows)))) is None:
             self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
         memory.give(rows.numpy().T)

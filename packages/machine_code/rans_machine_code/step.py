@@ -27,6 +27,9 @@ class CompiledStep:
         draws: random numbers of the episodes.
     """
 
+    observe = None
+    """See `rans.compile.machine_code.GeneratedStep`."""
+
     def __init__(self, program: StepProgram, draws: Draws) -> None:
         self._shape = program.shape
         self._given = [

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 from rans_machine_code.network import CpuActorCritic, network_code
+from rans_machine_code.policies import network_program
 
 from rans import Engine, MultiTask, PPOSettings
-from rans.compile.preprocess import PolicyPrograms
 from rans.fast.learn.beginning import architecture_of
 from rans.policy.network import Network
 from rans.policy.symmetry import symmetries
@@ -61,7 +61,7 @@ def test_looks_alike_share_their_code(change):
         observation = torch.randn(
             40, given.layout.width, generator=torch.Generator().manual_seed(seed)
         )
-        program = PolicyPrograms(given).network()
+        program = network_program(given)
         assert program
         found = CpuActorCritic(given, program, plain.tensors)(observation)
         with torch.no_grad():

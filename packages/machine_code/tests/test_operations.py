@@ -3,17 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from rans_machine_code.cuda.source import CUDA
 from rans_machine_code.llvm import LLVM
 from rans_machine_code.program import CompiledProgram
 
 from rans.model.operations import Dialect, Kind
 from rans.model.trace import Symbol
-from tests.support.operations import COUNT, Key, check
+from tests.support.operations import COUNT, Key, check, compiled
+
+SHIMS = """#include <cmath>
+#include <cstring>
+#include <algorithm>
+using std::abs; using std::max; using std::min; using std::floor; using std::sqrt; using std::tanh;
+using std::atan2; using std::log1p;
+#define __device__
+#define __expf std::exp
+#define __logf std::log
+static inline int __float_as_int(float x) { int bits; memcpy(&bits, &x, 4); return bits; }
+typedef float real;
+"""
+"""What CUDA C++ has and C++ has not, for the functions of our kernels on a CPU."""
+
+
+def of_cuda(
+    dialect: Dialect, given: Mapping[Key, list[np.ndarray]], folder: Path
+) -> dict[Key, Any]:
+    functions = files("rans_machine_code.cuda").joinpath("functions.cuh").read_text("utf-8")
+    beginning = f'{SHIMS}{functions}\nextern "C" {{ OPERATIONS }}'
+    return compiled(["c++"], beginning, dialect, given, folder)
+
 
 KINDS: dict[str, Kind] = {"float32": "real", "int32": "int", "bool": "bool"}
 
@@ -30,8 +54,11 @@ def of_llvm(
     return found
 
 
-def test_an_operation_is_the_same_as_machine_code(tmp_path):
-    check("LLVM", LLVM, of_llvm, np.float32, tmp_path)
+@pytest.mark.parametrize(
+    ("language", "dialect", "run"), [("CUDA", CUDA, of_cuda), ("LLVM", LLVM, of_llvm)]
+)
+def test_an_operation_is_the_same_as_machine_code(language, dialect, run, tmp_path):
+    check(language, dialect, run, np.float32, tmp_path)
 
 
 def of_one(name: str, *arrays: np.ndarray) -> np.ndarray:

@@ -41,11 +41,11 @@ from rans.extend import (
     State,
     Timing,
     TrainConfig,
+    fused,
     read_json,
     remember,
     whole,
 )
-from rans.fast.learn.graph import fused
 from rans_value.goal_frame import GoalFrame, equivalent
 from rans_value.problem import TRADE_OFF, PoseProblem
 

@@ -8,7 +8,7 @@ from typing import get_args
 
 import torch
 
-from rans.compile.preprocess import compiled_preprocessor
+from rans.compile.machine_code import compiled_preprocessor
 from rans.effectors.commands import allowed, is_identity
 from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine

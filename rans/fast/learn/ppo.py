@@ -12,11 +12,11 @@ from typing import Any, NamedTuple
 import torch
 from torch import Tensor
 
+from rans.compile.machine_code import GradientBackend, machine_code
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.algorithms import Algorithm
 from rans.fast.learn.config import PPOSettings, ScheduleSettings, TrainConfig
-from rans.fast.learn.fused_gradient import GradientBackend, gradient_backend
 from rans.fast.learn.graph import fused, graphed
 from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
 from rans.model.spacecraft import Spacecraft
@@ -88,9 +88,10 @@ class PPOLearner:
     @cached_property
     def backend(self) -> GradientBackend | None:
         """What computes the gradients, made at the first iteration: an imitation needs none; None: autograd."""
-        if self._samples is None:
+        code = machine_code(self.engine.device.type)
+        if code is None or self._samples is None:
             return None
-        return gradient_backend(self.network, self.adam, self.settings, self._samples)
+        return code.gradient(self.network, self.adam, self.settings, self._samples)
 
     @property
     def description(self) -> str:

@@ -89,7 +89,7 @@ class Trainer:
         check_device(config.device)
         _check_guard(config, guard)
         torch.set_num_threads(config.threads)
-        if config.device == "cpu" and machine_code() is None:
+        if config.device == "cpu" and machine_code("cpu") is None:
             warnings.warn(
                 "training on a processor takes about twice the time without the package llvmlite: "
                 f"{installing('fast')}",

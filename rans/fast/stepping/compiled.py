@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.compile.machine_code import machine_code
+from rans.compile.machine_code import GeneratedStep, machine_code
 from rans.compile.step_program import trace_step
 from rans.episode import Episode, World
 from rans.errors import RansWarning
@@ -28,6 +28,22 @@ _MOST = 600
 8 thrusters, take 9 s and 300 MB; 3,000, as at 1 kHz with valves that are 0.2 s late, took minutes and 14 GB."""
 
 
+def generated_step(
+    device: str, world: World, episode: Episode, draws: Draws
+) -> GeneratedStep | None:
+    """Machine code of an engine's step; None: no package writes any for a device or, with a warning, this step."""
+    if (code := machine_code(device)) is None:
+        return None
+    try:
+        return code.step(trace_step(world, episode, draws.dtype), draws)
+    except UNTRACEABLE as error:
+        reason = f"its task does more than arithmetic on fields: {error}"
+    except OSError as error:  # of a GPU's compiler or driver
+        reason = str(error)
+    warnings.warn(f"this engine steps slower, as {reason}", RansWarning, stacklevel=3)
+    return None
+
+
 class ArrayStep:
     """Step of the episodes of one engine on NumPy's arrays, which are changed in place.
 
@@ -38,7 +54,7 @@ class ArrayStep:
     """
 
     def __init__(self) -> None:
-        self._generated: Callable[[Tensor], Step] | None = None
+        self._generated: GeneratedStep | None = None
         self._tried = False
 
     def __reduce__(self) -> tuple[type[ArrayStep], tuple[()]]:
@@ -50,16 +66,8 @@ class ArrayStep:
         small = len(episode.memory()) <= _MOST
         by_values = getattr(world.setup.guard, "by_values", False)
         can_trace = draws.dtype is np.float32 and small and not by_values
-        if not self._tried and can_trace and (code := machine_code()):
-            try:
-                self._generated = code.step(trace_step(world, episode, np.float32), draws)
-            except UNTRACEABLE as error:
-                warnings.warn(
-                    "this engine steps slower, as its task does more than arithmetic on fields: "
-                    f"{error}",
-                    RansWarning,
-                    stacklevel=2,
-                )
+        if not self._tried and can_trace:
+            self._generated = generated_step("cpu", world, episode, draws)
         self._tried = True
         return (
             self._generated(action)

@@ -8,8 +8,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
-from rans.errors import ConfigError
-from rans.files import replace_file
+from rans.extend import ConfigError, replace_file
 
 _DIGEST = hashlib.sha256().digest_size
 

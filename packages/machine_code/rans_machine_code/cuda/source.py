@@ -1,7 +1,7 @@
 """The text of a step's kernel in CUDA C++, from its program.
 
 A thread steps one spacecraft, or two neighbours, whose numbers it then reads and writes in pairs. Reads come first,
-so that they all wait together. `rans.fast.stepping.kernel` launches it; tests compile the same text for a CPU and
+so that they all wait together. `rans_machine_code.cuda.step` launches it; tests compile the same text for a CPU and
 compare with NumPy, so that an operand's order is not free.
 """
 
@@ -12,9 +12,8 @@ from collections.abc import Iterable, Iterator
 from importlib.resources import files
 from typing import Literal
 
-from rans.compile.step_program import BufferWrite, StepProgram
-from rans.model.operations import CUDA
-from rans.model.trace import Symbol, ordered
+from rans.compile.step_program import BufferWrite
+from rans.extend import Dialect, StepProgram, Symbol, ordered
 
 Real = Literal["float", "double"]
 Action = Literal["unsigned char", "float", "double"]
@@ -22,6 +21,27 @@ Action = Literal["unsigned char", "float", "double"]
 
 THREADS = 64
 """Of a block."""
+
+CUDA = Dialect(
+    "CUDA",
+    "{0} {sign} {1}",
+    "{name}",
+    lacks=("clip", "cast", "identity", "round", "relu", "sigmoid", "elu"),
+    texts={
+        "neg": "-{0}",
+        "where": "{0} ? {1} : {2}",
+        "sin": "sine({0})",
+        "cos": "cosine({0})",
+        "exp": "exponential({0})",
+        "log": "logarithm({0})",
+        "log1p": "logarithm_of_one_plus({0})",
+        "minimum": "min({0}, {1})",
+        "maximum": "max({0}, {1})",
+    },
+    # Signed arithmetic may not wrap around in C.
+    ints={sign: f"int(unsigned({{0}}) {sign} unsigned({{1}}))" for sign in "+-*"},
+)
+"""CUDA C++ with the functions of ``functions.cuh``."""
 
 _BYTES = {"unsigned char": 1, "unsigned": 4, "float": 4, "double": 8}
 
@@ -58,11 +78,11 @@ def source(
         "const int processes",
         "const int ahead",
     )
-    # The arguments' order is that of `rans.fast.stepping.kernel`.
+    # The arguments' order is that of `rans_machine_code.cuda.step`.
     return "\n".join(
         (
             f"typedef {real} real;",
-            files("rans.compile.cuda").joinpath("functions.cuh").read_text(),
+            files("rans_machine_code.cuda").joinpath("functions.cuh").read_text(),
             f'extern "C" __global__ void __launch_bounds__({THREADS}) step(',
             f"    {', '.join(arguments)}) {{",
             *indented(_Writer(program, together).body(thrusters, action)),
@@ -138,7 +158,7 @@ class _Writer(Lines):
     def body(self, thrusters: int, action: Action) -> Iterator[str]:
         """Lines of the kernel of a step: fetch the episodes of a thread, step, reset those that end, and store.
 
-        Arguments are named and ordered as `kernel_source` declares them and `rans.fast.stepping.kernel` passes
+        Arguments are named and ordered as `kernel_source` declares them and `rans_machine_code.cuda.step` passes
         them.
         """
         program = self._program
@@ -262,7 +282,7 @@ def _name(store: BufferWrite) -> str:
 def _commands(thrusters: int, action: Action, together: int) -> tuple[list[str], list[str]]:
     """Lines that read those of a thread's spacecraft, up to 16 bytes at once, and lines that name one's.
 
-    On/off actions come as bytes, four to a word. `tests/fast/stepping/test_kernel.py` tries other numbers of
+    On/off actions come as bytes, four to a word. `tests/cuda/test_step.py` tries other numbers of
     thrusters.
     """
     words = action == "unsigned char" and thrusters % 4 == 0

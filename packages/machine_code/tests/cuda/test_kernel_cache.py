@@ -1,8 +1,7 @@
 from __future__ import annotations
 
 import pytest
-
-from rans.compile.cuda.kernel_cache import folder, kept
+from rans_machine_code.cuda.kernel_cache import folder, kept
 
 
 @pytest.fixture(autouse=True)

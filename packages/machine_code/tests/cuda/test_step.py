@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from rans_machine_code.cuda import step as step_kernel
+from rans_machine_code.cuda.launch import CudaError
+from rans_machine_code.cuda.step import Kernel
 
 from rans import (
     TASKS,
@@ -20,11 +23,10 @@ from rans import (
     ThrusterConditions,
     Timing,
 )
-from rans.compile.cuda.launch import CudaError
-from rans.fast.distributed import ALONE, Processes
+from rans.compile.step_program import trace_step
+from rans.fast.distributed import Processes
 from rans.fast.learn.curriculum import Curriculum, Ramp
-from rans.fast.stepping import kernel as step_kernel
-from rans.fast.stepping.kernel import Kernel
+from rans.fast.stepping.compiled import generated_step
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.fields import where
@@ -172,11 +174,11 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host):
     engine = on_host(PLATFORM, NEAR, 4)
     weight: Any = torch.empty((), device="meta")
     elsewhere = replace(NEAR, thrust_weight=weight)
-    engine._world = replace(engine._world, setup=engine._world.setup._replace(task=elsewhere))
+    world = replace(engine._world, setup=engine._world.setup._replace(task=elsewhere))
     with pytest.raises(
         TypeError, match=r"must be torch\.float32 on cpu, got torch\.float32 on meta"
     ):
-        Kernel(engine._world, engine.episode, engine._draws, ALONE, engine.dtype)
+        Kernel(trace_step(world, engine.episode, engine.dtype), engine._draws)
 
 
 @pytest.mark.parametrize(
@@ -187,16 +189,14 @@ def test_settings_that_would_be_read_wrongly_are_refused(on_host):
         AttributeError("'Symbol' object has no attribute 'clamp'"),
     ],
 )
-def test_without_a_kernel_torch_makes_the_step(error, monkeypatch):
+def test_without_a_kernel_an_engine_says_why_it_steps_slower(error, monkeypatch):
     def fail(*_):
         raise error
 
     monkeypatch.setattr(Kernel, "function", fail)
     engine = Engine(PLATFORM, NEAR, 2, compiled=True)
-    with pytest.warns(UserWarning, match=f"torch.compile makes this engine's step, .*: {error}"):
-        assert (
-            Kernel.made(engine._world, engine.episode, engine._draws, ALONE, engine.dtype) is None
-        )
+    with pytest.warns(UserWarning, match=f"this engine steps slower, as .*{error}"):
+        assert generated_step("cuda", engine._world, engine.episode, engine._draws) is None
 
 
 def with_actuators(kind: Any) -> Spacecraft:

@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from importlib.resources import files
 
-from rans.compile.cuda.design import FEW_INPUTS, Design
-from rans.compile.cuda.source import Lines, indented
-from rans.compile.flight_program import FlightProgram, Lookup
-from rans.model.trace import Symbol
-from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
+from rans.extend import ACTIVATIONS, Symbol, inputs
 from rans.policy.memory import averaged
-from rans.policy.program import inputs
+from rans_machine_code.cuda.design import FEW_INPUTS, Design
+from rans_machine_code.cuda.source import Lines, indented
+from rans_machine_code.policies import FlightProgram, Lookup
 
 _TOGETHER = 16
 """Inputs of the network that a thread writes at once: a multiple of what one piece of memory holds, eight."""
@@ -44,7 +42,7 @@ def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
     and how many failed ones may be listed.
     """
     texts = (
-        files("rans.compile.cuda").joinpath(name).read_text()
+        files("rans_machine_code.cuda").joinpath(name).read_text()
         for name in ("functions.cuh", "warp.cuh", "policy.cuh")
     )
     return "\n".join(
@@ -63,11 +61,12 @@ def flight_source(program: FlightProgram, design: Design, steps: int) -> str:
 
 def activation_source(name: str) -> Iterator[str]:
     """The struct of an activation that policy.cuh does not have, from its formula."""
-    if name in WITH_SLOPE:
+    activation = ACTIVATIONS[name]
+    if activation.slope is not None:
         return
     lines = Lines()
     x = Symbol.input("x")
-    value = ACTIVATIONS[name].formula(x)
+    value = activation.formula(x)
     yield f"struct {name.capitalize()} {{"
     yield "  static __device__ inline float of(float x) {"
     yield from (f"    {line}" for line in lines.values([value]))
@@ -228,8 +227,7 @@ class _Writer(Lines):
     ) -> Iterator[str]:
         """Numbers from where they are among sources, which lie in memory as the text says of a place.
 
-        What lies in another order on each side of the craft is read by its index, as `rans.compile.flight_program`
-        says.
+        What lies in another order on each side of the craft is read by its index (`Lookup`).
         """
         view = self.operand(self._program.policy.view)
         for lookup in lookups:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from rans_machine_code.cuda import step as step_kernel
 from torch import Tensor
 
 from rans import TASKS, ConfigError, Engine, Timing
@@ -15,7 +16,6 @@ from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.envs.actions import Actions
 from rans.fast.flights import Flights
-from rans.fast.stepping import kernel as step_kernel
 from rans.fast.stepping.step import Step
 from rans.flight_statistics import QUANTITIES
 from rans.model.body import Body
@@ -66,7 +66,7 @@ def compare(plain: Engine, kernel: Engine) -> None:
     """Results and memory of every step are the same, up to `TOLERANCE`."""
     dtype = plain.dtype
     count = plain.num_envs
-    assert kernel._kernel is not None
+    assert isinstance(kernel._kernel, step_kernel.Kernel)
     assert COUNTS[kernel._kernel._together] == count
     generator = torch.Generator("cuda").manual_seed(0)
     ends = flips = 0

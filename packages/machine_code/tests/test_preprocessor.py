@@ -11,12 +11,13 @@ from typing import Any, cast
 
 import pytest
 import torch
+from rans_machine_code.cuda.preprocessor import CudaPreprocessor
+from rans_machine_code.preprocessor import CpuPreprocessor
 
 from rans import TASKS, Engine
-from rans.compile.machine_code import machine_code
-from rans.compile.preprocess import CudaPreprocessor, PolicyPrograms
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import FilterSettings, PPOSettings
+from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import compiled_on_host, needs_compiler
@@ -27,14 +28,15 @@ pytestmark = needs_compiler
 class HostLook(CudaPreprocessor):
     """Its kernels made by a C++ compiler."""
 
-    def __init__(self, given: PolicyPrograms, plain: Any) -> None:
-        super().__init__(given.architecture, plain, torch.device("cpu"), torch.float64)
+    def __init__(self, architecture: Architecture, plain: Any) -> None:
+        super().__init__(architecture, plain, torch.zeros(0, dtype=torch.float64))
 
     @cached_property
     def _functions(self) -> Any:
         folder = Path(tempfile.mkdtemp())
         return [
-            compiled_on_host(text, folder / f"rows_{i}") for i, text in enumerate(self.sources())
+            compiled_on_host(text, folder / f"rows_{i}")
+            for i, text in enumerate(self.sources() or ())
         ]
 
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
@@ -68,10 +70,8 @@ def test_programs_see_and_filter_as_torch_does(dtype, task, filters, craft, tmp_
     given = architecture_of(engine, settings)
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
     ours, theirs = (Network(given, tensors) for _ in range(2))
-    code = machine_code()
-    assert code
-    kind = code.preprocessor if dtype == torch.float32 else HostLook
-    programs: Any = kind(PolicyPrograms(given), cast("Any", theirs._preprocessor))
+    kind = CpuPreprocessor if dtype == torch.float32 else HostLook
+    programs: Any = kind(given, cast("Any", theirs._preprocessor))
     ours._preprocessor = programs
     assert ours.in_body(engine.observe().requires_grad_()).requires_grad
     if filters is None:

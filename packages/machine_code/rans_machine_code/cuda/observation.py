@@ -3,39 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from importlib.resources import files
-from typing import Any
 
-from rans.compile.cuda.source import THREADS, Lines, Real, indented
-from rans.compile.step_program import Input, on_symbols
-from rans.episode import Episode, World
-from rans.model.random import Draws
-from rans.model.trace import Symbol, ordered
+from rans.extend import StepProgram, ordered
+from rans_machine_code.cuda.source import THREADS, Lines, Real, indented
 
 
-@dataclass(frozen=True)
 class Observation:
-    """The columns of an observation, and what they are made of."""
+    """The columns of an observation, and what they are made of: numbers of episodes, and the task's settings."""
 
-    columns: tuple[Symbol, ...]
-    inputs: tuple[Input, ...]
-    """Of the episodes and of the task's settings."""
-
-    @classmethod
-    def of(cls, world: World, episode: Episode, dtype: Any) -> Observation:
-        """Observe on symbols, as `rans.compile.step_program.trace_step` steps."""
-        world, now, memory, settings = on_symbols(world, episode)
-        low, high, first, stride = (
-            Symbol.input(name, "int") for name in ("low", "high", "first", "stride")
-        )
-        draws = Draws(low, high, first, stride, dtype)
-        columns = tuple(map(Symbol.constant, world.observe(world.recalled(now, draws), draws)))
-        needed = set(ordered(columns))
-        return cls(
-            columns,
-            tuple(parameter for parameter in (*memory, *settings) if parameter.symbol in needed),
-        )
+    def __init__(self, program: StepProgram) -> None:
+        self.columns = program.observed()
+        needed = set(ordered(self.columns))
+        self.inputs = [
+            parameter
+            for parameter in (*program.memory, *program.settings)
+            if parameter.symbol in needed
+        ]
 
     def source(self, real: Real) -> str:
         """CUDA C++ of a kernel ``observe``.
@@ -55,7 +39,7 @@ class Observation:
         return "\n".join(
             (
                 f"typedef {real} real;",
-                files("rans.compile.cuda").joinpath("functions.cuh").read_text(),
+                files("rans_machine_code.cuda").joinpath("functions.cuh").read_text(),
                 f'extern "C" __global__ void __launch_bounds__({THREADS}) observe(',
                 f"    {', '.join(arguments)}) {{",
                 *indented(self._body()),

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-
-from rans.compile.cuda import launch
+from rans_machine_code.cuda import launch
 
 
 class Compiler:

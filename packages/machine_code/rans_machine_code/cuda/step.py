@@ -1,26 +1,19 @@
 """The generated kernel as the step of an engine.
 
-Results equal those of NumPy to rounding, row by row (`tests/fast/stepping/test_kernel.py`).
+Results equal those of NumPy to rounding, row by row (`tests/cuda/test_step.py`).
 """
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import torch
 from torch import Tensor
 
-from rans.compile.cuda.launch import CudaError, Function
-from rans.compile.cuda.observation import Observation
-from rans.compile.cuda.source import THREADS, source
-from rans.compile.step_program import StepShape, trace_step
-from rans.episode import Episode, World
-from rans.errors import RansWarning
-from rans.fast.distributed import Processes
-from rans.fast.stepping.step import Step
-from rans.model.random import Draws
-from rans.model.trace import UNTRACEABLE
+from rans.extend import Draws, Step, StepProgram
+from rans_machine_code.cuda.launch import Function
+from rans_machine_code.cuda.observation import Observation
+from rans_machine_code.cuda.source import THREADS, source
 
 _C_TYPES: dict[torch.dtype, Any] = {
     torch.uint8: "unsigned char",
@@ -39,27 +32,24 @@ class Kernel:
 
     A CUDA graph may record it once it is compiled: episodes and the two words of the seed have constant addresses.
 
+    Args:
+        program: of one step of these episodes.
+        draws: random numbers of the episodes.
+
     Raises:
-        TypeError: the task does more than arithmetic on fields, or the settings of a curriculum are on another
-            device or of another dtype.
+        TypeError: the settings of a curriculum are on another device or of another dtype.
     """
 
-    def __init__(
-        self,
-        world: World,
-        episode: Episode,
-        draws: Draws,
-        processes: Processes,
-        dtype: torch.dtype,
-    ) -> None:
-        self._program = trace_step(world, episode, dtype)
-        self._observation = Observation.of(world, episode, dtype)
+    def __init__(self, program: StepProgram, draws: Draws) -> None:
+        self._program = program
+        self._observation = Observation(program)
         self._inputs = [
             parameter.source for parameter in (*self._program.memory, *self._program.settings)
         ]
         self._seed = (draws.low, draws.high)
-        self._thrusters = world.craft.command_count
-        self._real, self._device, self._count = dtype, self._inputs[0].device, len(self._inputs[0])
+        self._thrusters = len(program.commands)
+        self._real, self._device = draws.dtype, self._inputs[0].device
+        self._count = len(self._inputs[0])
         is_vectorized = self._count >= MANY and self._count % 2 == 0
         self._together = 2 if is_vectorized and self._program.operations < LONG else 1
         for parameter in self._program.settings:  # They are read without conversion.
@@ -68,28 +58,20 @@ class Kernel:
                     f"settings that move must be {self._real} on {self._device}, got "
                     f"{parameter.source.dtype} on {parameter.source.device}."
                 )
+        # A process's first episode has the number of its rank among the processes, which share all episodes.
         self._numbers = (
             self._count,
-            processes.rank,
-            processes.size,
+            int(draws.first[0]),
+            draws.stride // self._count,
             self._blocks_ahead(),
         )
         self._functions: dict[torch.dtype | None, Function] = {}
 
     @classmethod
-    def made(cls, *parameter: Any) -> Kernel | None:
-        """A kernel that is compiled for reals; None, with a warning, if it cannot be compiled."""
-        try:
-            kernel = cls(*parameter)
-            kernel.function(kernel._real)
-        # No compiler, or a task that does more than arithmetic on fields.
-        except (OSError, CudaError, *UNTRACEABLE) as error:
-            warnings.warn(
-                f"torch.compile makes this engine's step, which is slower: {error}",
-                RansWarning,
-                stacklevel=3,
-            )
-            return None
+    def made(cls, program: StepProgram, draws: Draws) -> Kernel:
+        """A kernel that is compiled for reals; raises the errors of `Function` too."""
+        kernel = cls(program, draws)
+        kernel.function(kernel._real)
         return kernel
 
     def source(self, action: torch.dtype | None) -> str:
@@ -116,14 +98,14 @@ class Kernel:
     def __call__(self, action: Tensor) -> Step:
         """Hold the thrusters for one control period, see `Engine.step`; changes the episodes' memory in place.
 
-        Pointers and numbers come in the order of the arguments in `rans.compile.cuda.source`, unchecked.
+        Pointers and numbers come in the order of the arguments in `rans_machine_code.cuda.source`, unchecked.
         """
         action = self._readable(action)
         count = self._count
         shape = self._program.shape
         reals = torch.empty((shape.reals, count), dtype=self._real, device=self._device)
         final = torch.empty((count, shape.final_width), dtype=self._real, device=self._device)
-        flags = torch.empty((len(StepShape.FLAGS), count), dtype=torch.bool, device=self._device)
+        flags = torch.empty((len(shape.FLAGS), count), dtype=torch.bool, device=self._device)
         tensors = (action, *self._seed, reals, final, flags, *self._inputs)
         self._launch(
             action.dtype, [tensor.data_ptr() for tensor in tensors], self._numbers, self._together

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import torch
 
-from rans.compile.cuda.driver import LIBRARY
-from rans.compile.cuda.kernel_cache import kept
+from rans.fast.device import DRIVER
+from rans_machine_code.cuda.kernel_cache import kept
 
 _OPTIONS = ("--std=c++17", "--ftz=true", "--prec-div=false", "--prec-sqrt=false")
 """float32 divisions and roots may be two units in the last place off; float64 is not affected."""
@@ -20,7 +20,7 @@ _SHARED_BYTES = 8
 """CU_FUNC_ATTRIBUTE_MAX_DYNAMIC_SHARED_SIZE_BYTES."""
 
 
-class CudaError(RuntimeError):
+class CudaError(OSError):
     """The compiler or the driver refused."""
 
 
@@ -35,7 +35,7 @@ class Function:
     """
 
     def __init__(self, text: str, name: str, capability: tuple[int, int], shared: int = 0) -> None:
-        self._driver = CDLL(LIBRARY)
+        self._driver = CDLL(DRIVER)
         self._module = c_void_p()
         self._function = c_void_p()
         self._check(self._driver.cuModuleLoadData(byref(self._module), compiled(text, capability)))

@@ -6,41 +6,29 @@ They are computed in matrix products, forward and backward.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar, NamedTuple, Protocol
+from typing import ClassVar, NamedTuple
 
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.compile.cuda.design import padded, up
-from rans.compile.loss_gradient import d_logit, opening_term, transition_losses
-from rans.compile.machine_code import machine_code
-from rans.fast.learn.adam import Adam
-from rans.fast.learn.config import PPOSettings
-from rans.fast.learn.graph import fused
-from rans.fast.learn.rollout import Batch
-from rans.policy.activations import ACTIVATIONS, WITH_SLOPE
-from rans.policy.architecture import EXTRACTOR
-from rans.policy.capabilities import Capabilities
-from rans.policy.network import Network
-
-
-class GradientBackend(Protocol):
-    """Computes gradients of minibatches, written into its `Adam.gradient`."""
-
-    description: ClassVar[str]
-    """Description of the computation for the log."""
-
-    def inputs(
-        self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
-    ) -> Tensor:
-        """Inputs of the trunks (N, inputs) from columns (N, k), a history and privileged observations."""
-        ...
-
-    def __call__(self, part: Batch) -> tuple[Tensor, ...]:
-        """Loss and `STATISTICS`, () each, of a minibatch whose memory are the `inputs`."""
-        ...
-
+from rans.extend import (
+    ACTIVATIONS,
+    EXTRACTOR,
+    Adam,
+    Batch,
+    Capabilities,
+    Network,
+    PPOSettings,
+    fused,
+)
+from rans_machine_code.cuda.design import padded, up
+from rans_machine_code.loss_gradient import (
+    WITH_SLOPE,
+    d_logit,
+    opening_term,
+    transition_losses,
+)
 
 _ALIGNED = 16
 """Multiple to which inputs and outputs are padded, as fast products of bfloat16 need; presets have such layers."""
@@ -305,17 +293,13 @@ class MatrixGradient:
         return gradient.bfloat16(), gradient.sum(dim=0), sums
 
 
-def gradient_backend(
+def matrix_gradient(
     network: Network, adam: Adam, settings: PPOSettings, samples: int
-) -> GradientBackend | None:
-    """Fastest backend for a network and minibatches of ``samples`` transitions; None: autograd."""
-    row = adam.row
-    arguments = (network, adam, settings)
-    if row.device.type == "cpu":
-        code = machine_code()
-        return code.gradient(*arguments, samples) if code else None
-    is_rounded = network.architecture.bf16 and row.is_cuda and row.dtype == torch.float32
-    return MatrixGradient(*arguments) if is_rounded and MatrixGradient.fits(network) else None
+) -> MatrixGradient | None:
+    """Gradients of minibatches of any size; None without products of bfloat16, and for networks that do not fit."""
+    is_rounded = network.architecture.bf16 and adam.row.dtype == torch.float32
+    fits = is_rounded and MatrixGradient.fits(network)
+    return MatrixGradient(network, adam, settings) if fits else None
 
 
 def _product(a: Tensor, b: Tensor) -> Tensor:

@@ -1,7 +1,7 @@
 """PPO's losses of one transition with on/off thrusters, and their derivatives by the network's outputs.
 
-They are operations on fields. Torch computes them of tensors (`rans.fast.learn.fused_gradient.MatrixGradient`).
-Machine code of a CPU (`rans.compile.machine_code`) is printed from them. Losses are those of
+They are operations on fields. Torch computes them of tensors (`rans_machine_code.cuda.gradient.MatrixGradient`).
+Machine code of a CPU (`rans_machine_code.gradient`) is printed from them. Losses are those of
 `rans.fast.learn.ppo.losses`, whose derivatives are torch's.
 """
 
@@ -9,8 +9,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rans.model.fields import Field, absolute, at_least, exp, log1p, where
+from rans.extend import ACTIVATIONS, Field, absolute, at_least, where
+from rans.model import fields
 
+WITH_SLOPE = tuple(name for name, activation in ACTIVATIONS.items() if activation.slope is not None)
+"""Activations between layers whose gradients need no autograd."""
 STATISTICS = 5
 """Number of `TransitionLosses.statistics`."""
 
@@ -41,10 +44,10 @@ class TransitionLosses(NamedTuple):
 def opening_term(logit: Field, command: Field) -> Choice:
     """A thruster's part in an action, from its log-odds of opening and its command, 0 or 1."""
     # log(1 + e^x) = max(x, 0) + log(1 + e^-|x|), whose derivative is the probability.
-    small = exp(-absolute(logit))
+    small = fields.exp(-absolute(logit))
     reciprocal = 1.0 / (1.0 + small)
     opening = where(logit >= 0.0, reciprocal, small * reciprocal)
-    softplus = at_least(logit, 0.0) + log1p(small)
+    softplus = at_least(logit, 0.0) + fields.log1p(small)
     return Choice(command * logit - softplus, softplus - logit * opening, opening)
 
 
@@ -71,7 +74,7 @@ def transition_losses(
         vf_coef: weight of the value loss.
     """
     change = log_prob - old_log_prob
-    ratio = exp(change)
+    ratio = fields.exp(change)
     low = 1.0 - clip_range
     high = 1.0 + clip_range
     bounded = where(ratio < low, low, where(ratio > high, high, ratio))

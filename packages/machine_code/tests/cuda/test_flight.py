@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from rans_machine_code.cuda import flight
+from rans_machine_code.cuda.flight import FlightKernel
+from rans_machine_code.cuda.launch import CudaError
 
-from rans.compile.cuda import flight
-from rans.compile.cuda.flight import FlightKernel
-from rans.compile.cuda.launch import CudaError
 from rans.episode import Setup
+from rans.fast import flights
 from rans.fast.flights import Flights
 from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
@@ -130,35 +132,32 @@ class Chip:
 
 
 @pytest.mark.parametrize(
-    ("settings", "error", "message"),
+    ("settings", "error", "chip", "message"),
     [
-        ({"layers": (520, 16)}, None, "their kernel has no place for"),
-        ({}, CudaError("no kernel image"), "stepped, which is slower: no kernel image"),
-        ({}, OSError("libnvrtc.so.12: cannot open"), "stepped, which is slower: libnvrtc"),
+        ({"layers": (520, 16)}, None, 9, "their kernel has no place for"),
+        ({}, None, 7, r"a GPU of capability 7\.0, where 8\.0 is needed"),
+        ({}, CudaError("no kernel image"), 9, "stepped, which is slower: no kernel image"),
+        ({}, OSError("libnvrtc.so.12: cannot open"), 9, "stepped, which is slower: libnvrtc"),
     ],
 )
-def test_flights_without_a_kernel_say_so(settings, error, message, monkeypatch):
+def test_flights_without_a_kernel_say_so(settings, error, chip, message, monkeypatch):
     def fail(*_):
         raise error or AssertionError
 
+    def on_a_cpu(world, network, _, products):
+        return FlightKernel.made(world, network, torch.device("cpu"), products)
+
+    monkeypatch.setattr(flights, "machine_code", lambda _: SimpleNamespace(flights=on_a_cpu))
+    monkeypatch.setattr(Chip, "major", chip)
     monkeypatch.setattr(torch.cuda, "get_device_properties", lambda _: Chip)
     monkeypatch.setattr(flight, "Function", fail)
     monkeypatch.setattr(torch.cuda, "device", lambda _: torch.no_grad())
     monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: (9, 0))
     network = policy(PLATFORM, sided=False, **settings)
-    world = Flights(network, setup(PLATFORM), generated=False).world
+    given = Flights(network, setup(PLATFORM), generated=False)
+    given.device = torch.device("cuda")
     with pytest.warns(UserWarning, match=message):
-        assert FlightKernel.made(world, network, torch.device("cpu"), "bf16") is None
-
-
-def test_an_old_gpu_has_no_kernel(monkeypatch):
-    monkeypatch.setattr(
-        torch.cuda, "get_device_properties", lambda _: type("Old", (Chip,), {"major": 7})
-    )
-    network = policy(PLATFORM)
-    world = Flights(network, setup(PLATFORM), generated=False).world
-    with pytest.warns(UserWarning, match=r"a GPU of capability 7\.0, where 8\.0 is needed"):
-        assert FlightKernel.made(world, network, torch.device("cpu"), "bf16") is None
+        assert given._made("bf16") is None
 
 
 def test_a_task_of_tensors_is_stepped():

@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar
 
+import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.capabilities import Capabilities
+from rans.extend import Architecture, Capabilities
 
 WIDEST = 512
 """Units of a layer: more would not stay in registers."""
@@ -24,6 +24,9 @@ _REGISTERS = 144
 
 class DoesNotFit(TypeError):
     """The network is of a kind, or of a size, that the kernel has no place for."""
+
+    def __init__(self, what: str) -> None:
+        super().__init__(f"their kernel has no place for {what}.")
 
 
 @dataclass(frozen=True)
@@ -163,23 +166,18 @@ class Design:
         """Of a warp's outputs."""
         return 32 * 4 * self.stride_out
 
-    def packed(self, tensors: Mapping[str, Tensor]) -> Tensor:
-        """Weights and statistics in one piece, uint8 on the CPU; the kernel reads it at `places`."""
-        table = {name: x.detach().cpu().float() for name, x in tensors.items()}
-        mean = table[f"{EXTRACTOR}mean"]
-        variance = table[f"{EXTRACTOR}variance"]
-        scale = torch.rsqrt(variance + 1e-6)
-        weight, bias = self.given.last.folded(table["action_net.weight"], table["action_net.bias"])
-        parts = {
-            "mean": mean,
-            "scale": scale,
-            "zoom": scale * self.given.zoom,
-            "constant": padded(bias, (self.outputs,)),
-            "head": self._ordered(weight, self.outputs, self.widths[-1], 8),
-        }
+    def packed(self, tables: Mapping[str, np.ndarray]) -> Tensor:
+        """The policy's parameters (`FlightProgram.tables`) in one piece, uint8 on the CPU.
+
+        The kernel reads it at `places`.
+        """
+        table = {name: torch.from_numpy(x) for name, x in tables.items()}
+        parts = {name: table[name] for name in ("mean", "scale", "zoom")}
+        parts["constant"] = padded(table["head.bias"], (self.outputs,))
+        parts["head"] = self._ordered(table["head.weight"], self.outputs, self.widths[-1], 8)
         for i, (width, units) in enumerate(zip(self.widths, self.widths[1:], strict=False)):
             # torch's modules of a trunk are a linear layer and its activation, by turns.
-            own = f"{EXTRACTOR}trunk.{2 * i}"
+            own = f"trunk.{2 * i}"
             parts[f"bias_{i}"] = padded(table[f"{own}.bias"], (units,))
             parts[f"layer_{i}"] = self._ordered(table[f"{own}.weight"], units, width, 16)
         whole = torch.zeros(self.places["end"], dtype=torch.uint8)

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 import torch
+from rans_machine_code.cuda.gradient import MatrixGradient
 from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.learn.config import MemorySettings
-from rans.fast.learn.fused_gradient import MatrixGradient
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM

@@ -1,6 +1,7 @@
 """Designs of the kernel of flights."""
 
-from rans.compile.cuda.design import Design
+from rans_machine_code.cuda.design import Design
+
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy
 
