@@ -62,7 +62,6 @@ class Init(Options):
         """Print control authority, recoverable faults, whose numbers a template has, and the next commands."""
         from rans.cli.details import prospects
         from rans.cli.next_commands import training
-        from rans.model.spacecraft import is_steerable
         from rans.policy.backbone_registry import any_craft
         from rans.pretrained import FOR_ANY_CRAFT
 
@@ -76,7 +75,7 @@ class Init(Options):
                 f"{craft.name}: largest force and torque, with every other one at zero",
             )
         )
-        steerable = is_steerable(craft)
+        steerable = craft.is_steerable
         for sentence in prospects(craft) if steerable else any_craft().slips(craft):
             console.say(sentence)
         console.say(f"Written: {self.file}" + (f" and {picture}" if picture else ""))

@@ -256,6 +256,38 @@ class Spacecraft(NotebookRepr):
         return slice(self.thruster_count, self.thruster_count + self.wheel_count)
 
     @cached_property
+    def can_turn(self) -> bool:
+        """Whether any effector gives a torque about the centre of mass.
+
+        A craft whose thrusters all act through its centre of mass moves as a point mass with constant angular
+        velocity. Torques below 1e-9 of the largest force times the longest lever arm are treated as rounding of
+        positions and directions in a file.
+        """
+        if self.wheels or any(effector.largest_torque > 0.0 for effector in self.further_effectors):
+            return True
+        if not self.thrusters:
+            return False
+        arms = np.array([t.position for t in self.thrusters]) - np.array(self.centre_of_mass)
+        largest = max(t.force for t in self.thrusters) * np.linalg.norm(arms, axis=1).max()
+        torques = self.wrenches[:, self.dimension :]
+        return bool(np.abs(torques).max() > 1e-9 * largest)
+
+    @cached_property
+    def is_steerable(self) -> bool:
+        """Whether effectors accelerate the craft in every direction and, if any gives a torque, about every axis.
+
+        This is true for a craft that `controls_every_direction`, for one without torque (`can_turn`) whose forces
+        positively span the plane or space, and for one without thrusters whose wheels turn it about every axis.
+        """
+        if not self.thrusters:
+            return bool(self.wheels) and positively_spans(
+                wrenches_either_way(self)[self.dimension :]
+            )
+        if self.can_turn:
+            return controls_every_direction(self)
+        return positively_spans(wrenches_either_way(self)[: self.dimension])
+
+    @cached_property
     def has_only_thrusters(self) -> bool:
         """Whether no other effector takes commands."""
         return self.command_count == self.thruster_count
@@ -453,7 +485,7 @@ def check_spacecraft(craft: Spacecraft) -> None:
         "thrusters.droop of the conditions",
     )
     # Engines that cannot be shut are for flight against gravity, which replaces the missing directions.
-    if craft.actuators.low == 0.0 and not is_steerable(craft):
+    if craft.actuators.low == 0.0 and not craft.is_steerable:
         warnings.warn(
             f"spacecraft {craft.name!r}: its {_effectors(craft)} cannot push and turn it in "
             f"every direction of its {craft.degrees_of_freedom} degrees of freedom, so most tasks cannot be "
@@ -676,38 +708,6 @@ def check_rigid(craft: Spacecraft, what: str) -> None:
             f"{what} are those of a rigid craft, and {craft.name!r} has {moving}, which moves in it or depends on "
             "its motion: take its table, such as [slosh] or [[effector]], out of the file to compute them without."
         )
-
-
-def can_turn(craft: Spacecraft) -> bool:
-    """Whether any effector gives a torque about the centre of mass.
-
-    A craft whose thrusters all act through its centre of mass moves as a point mass with constant angular
-    velocity. Torques below 1e-9 of the largest force times the longest lever arm are treated as rounding of
-    positions and directions in a file.
-    """
-    if craft.wheels or any(effector.largest_torque > 0.0 for effector in craft.further_effectors):
-        return True
-    if not craft.thrusters:
-        return False
-    arms = np.array([t.position for t in craft.thrusters]) - np.array(craft.centre_of_mass)
-    largest = max(t.force for t in craft.thrusters) * np.linalg.norm(arms, axis=1).max()
-    torques = craft.wrenches[:, craft.dimension :]
-    return bool(np.abs(torques).max() > 1e-9 * largest)
-
-
-def is_steerable(craft: Spacecraft) -> bool:
-    """Whether effectors accelerate the craft in every direction and, if any gives a torque, about every axis.
-
-    This is true for a craft that `controls_every_direction`, for one without torque (`can_turn`) whose
-    forces positively span the plane or space, and for one without thrusters whose wheels turn it about every axis.
-    """
-    if not craft.thrusters:
-        return bool(craft.wheels) and positively_spans(
-            wrenches_either_way(craft)[craft.dimension :]
-        )
-    if can_turn(craft):
-        return controls_every_direction(craft)
-    return positively_spans(wrenches_either_way(craft)[: craft.dimension])
 
 
 def controls_every_direction(craft: Spacecraft) -> bool:

@@ -6,7 +6,7 @@ import warnings
 
 from rans.errors import ConfigError, RansWarning
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
-from rans.model.spacecraft import Spacecraft, can_turn, is_steerable
+from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.go_to_attitude import GoToAttitude
@@ -43,7 +43,7 @@ def obstacles(craft: Spacecraft, task: Task, timing: Timing) -> list[str]:
         )
     if "attitude" not in asked:
         return result
-    if not can_turn(craft):
+    if not craft.can_turn:
         result.append(
             f"{name} cannot turn: all of its thrusters push through its centre of mass, and {type(task).__name__} "
             "asks for an attitude; the usual cause is a direction that was copied from the position"
@@ -62,7 +62,7 @@ def fitting_task(craft: Spacecraft) -> str | None:
 
     A craft that cannot be steered, such as a lander that only pushes downwards, has none.
     """
-    if not is_steerable(craft):
+    if not craft.is_steerable:
         return None
     tasks: dict[str, SingleTask] = {
         "go-to-pose": GoToPose(),

@@ -18,7 +18,7 @@ from rans.fast.flights import Flights
 from rans.flight import Setup
 from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
-from rans.model.spacecraft import CommandRange, can_turn
+from rans.model.spacecraft import CommandRange
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.reference.plant import Plant
 from tests.support.effector_flights import untrained_policy
@@ -64,11 +64,11 @@ def test_a_craft_may_have_no_other_effector():
     inertia = ((0.1, 0.0, 0.0), (0.0, 0.2, 0.0), (0.0, 0.0, 0.3))
     alone = replace(TURNED_IN_SPACE, thrusters=(), inertia=inertia)
     assert spin_up(alone) == pytest.approx(0.3)
-    assert can_turn(alone)
+    assert alone.can_turn
     assert parse_spacecraft(to_toml(alone), "a file") == alone
     rans.Engine(alone, "go-to-attitude", 1).step(torch.ones(1, 1))
     pushed = replace(alone, further_effectors=(Pusher((0.0, 0.0, 1.0), 0.03, 1.0),))
-    assert not can_turn(pushed)
+    assert not pushed.can_turn
     assert spin_up(pushed) == 0.0
 
 

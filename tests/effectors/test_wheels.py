@@ -7,11 +7,11 @@ from tests.support.effector_crafts import CUBESAT, WHEELED
 
 
 def test_a_wheel_turns_a_craft_whose_thrusters_cannot():
-    from rans.model.spacecraft import can_turn, controls_every_direction
+    from rans.model.spacecraft import controls_every_direction
 
-    assert can_turn(CUBESAT)
+    assert CUBESAT.can_turn
     assert controls_every_direction(CUBESAT)
-    assert not can_turn(replace(CUBESAT, wheels=()))
+    assert not replace(CUBESAT, wheels=()).can_turn
 
 
 def test_a_wheel_makes_up_for_thrusters_that_turn():

@@ -10,7 +10,6 @@ import pytest
 from rans.model.body import Body
 from rans.model.dynamics import thrust
 from rans.model.spacecraft import (
-    can_turn,
     controls_every_direction,
     wrenches_either_way,
 )
@@ -119,7 +118,7 @@ def test_every_real_craft_pushes_and_turns_every_way(name):
     craft = load_spacecraft(name)
     wrenches = wrenches_either_way(craft)
     assert np.linalg.matrix_rank(wrenches) == craft.degrees_of_freedom
-    assert can_turn(craft)
+    assert craft.can_turn
     assert controls_every_direction(craft)
     # An oracle of its own: a linear programme for each way along each axis.
     from scipy.optimize import linprog

@@ -12,7 +12,7 @@ import pytest
 
 from rans import ConfigError, Engine, GoToPose, GoToPosition, Timing
 from rans.model.pace import misfits, seconds_for_a_metre, seconds_for_half_a_turn
-from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.tasks.feasible import warn_of_obstacles
 from tests.support.engines import PLATFORM
@@ -51,7 +51,7 @@ def test_forces_through_the_centre_have_no_torque(centre):
     """Rounding left 1e-17 N m, of which a certificate said that they are no multiples of one number."""
     craft = radial(centre)
     assert [row[2] for row in craft.wrench_map] == [0.0] * 8
-    assert not can_turn(craft)
+    assert not craft.can_turn
     # A torque of a micrometre of lever arm is none of rounding.
     moved = tuple(
         replace(one, position=(x - 1e-6 * b, y + 1e-6 * a, 0.0))

@@ -24,7 +24,7 @@ from rans.extend import (
     Spacecraft,
     brief,
 )
-from rans.model.spacecraft import can_turn, is_steerable, wrenches_either_way
+from rans.model.spacecraft import wrenches_either_way
 from rans_any_craft.allocated import (
     CONTINUOUS,
     ON_OFF,
@@ -116,7 +116,7 @@ def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
             f"the agent for any craft flies to a pose, and {craft.name} has no thruster: turn it with "
             "go-to-attitude, by LQR or by an agent of its own (rans train go-to-attitude)."
         )
-    if not can_turn(craft) and is_steerable(craft):
+    if not craft.can_turn and craft.is_steerable:
         raise ConfigError(
             f"{craft.name} cannot turn, because all of its thrusters push through its centre of mass: fly "
             f"go-to-position or track-velocity, as in rans compare lqr:go-to-position-{craft.dimension}d@mine.toml."

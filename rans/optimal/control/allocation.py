@@ -15,8 +15,6 @@ from rans.errors import ConfigError
 from rans.model.dynamics import mean_thrust
 from rans.model.spacecraft import (
     Spacecraft,
-    can_turn,
-    is_steerable,
     positively_spans,
     wrenches_either_way,
 )
@@ -49,7 +47,7 @@ class Allocation:
     at once. For opposed pairs its first guess is exact: the pseudoinverse, of which each pair's
     positive part goes to one thruster and the negative part to the other.
 
-    Where no thruster gives a torque (`rans.model.spacecraft.can_turn`), forces alone are met, and the torques
+    Where no thruster gives a torque (`Spacecraft.can_turn`), forces alone are met, and the torques
     of wanted wrenches are ignored. Of a craft with reaction wheels, wrenches are those that its wheels leave to
     the thrusters (`Rounding`), and torques about axes that no thruster turns are ignored. Where the thrusters
     of such a craft cannot do without its wheels, each wheel is a column of torque either way.
@@ -61,7 +59,7 @@ class Allocation:
 
     def __init__(self, craft: Spacecraft) -> None:
         check_effectors(craft)
-        if not is_steerable(craft):
+        if not craft.is_steerable:
             raise ConfigError(
                 f"spacecraft {craft.name!r} cannot be steered: its {craft.thruster_count} "
                 "thrusters do not push and turn it in every direction; the usual cause is a "
@@ -73,7 +71,7 @@ class Allocation:
         if craft.wheels:
             columns, self._basis = _with_wheels(craft)
         else:
-            rows = craft.degrees_of_freedom if can_turn(craft) else craft.dimension
+            rows = craft.degrees_of_freedom if craft.can_turn else craft.dimension
             columns = craft.wrenches.T[:rows]
         self._joint = columns.shape[1] > self._thrusters
         self._size = np.abs(columns).max(axis=1)
@@ -251,7 +249,7 @@ def check_aims(craft: Spacecraft, task: Task) -> None:
             f"{type(task).__name__} asks for {' and '.join(asked)}, and spacecraft {craft.name!r} has no thruster: "
             "wheels turn it and cannot push it. Choose a task of attitudes, such as go-to-attitude."
         )
-    if can_turn(craft):
+    if craft.can_turn:
         return
     if asked_angles := sorted(aims(task) & {"attitude", "spin"}):
         raise ConfigError(

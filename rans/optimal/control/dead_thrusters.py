@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rans.flight import Controller
-from rans.model.spacecraft import Spacecraft, is_steerable
+from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.tasks.base import Task
@@ -41,7 +41,7 @@ class ExpectsDead:
         # The craft warns that it cannot be steered, and the nominal controller has warned of constraints.
         with warnings.catch_warnings(action="ignore"):
             reduced = replace(craft, thrusters=tuple(craft.thrusters[k] for k in left))
-            if not is_steerable(reduced):
+            if not reduced.is_steerable:
                 return nominal
             remaining = made(reduced, self._task, self._timing, *self._settings)
         others = range(craft.thruster_count, craft.command_count)

@@ -18,7 +18,7 @@ from rans.errors import ConfigError, RansWarning, checked
 from rans.model.body import Body
 from rans.model.drift import steady
 from rans.model.dynamics import advance, wrench
-from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.allocation import Allocation, check_aims, inertia
 from rans.optimal.control.arguments import craft_and_task
@@ -137,7 +137,7 @@ class Deadband:
             coasted = advance(state, shut, body, time, drift=task.drift)
             instants.append((coasted, task.later(goal, time)))
         bounds = {name: self.share * bound for name, bound in task.tolerances().items()}
-        ignored = frozenset() if can_turn(craft) else {"spin", "attitude"}
+        ignored = frozenset() if craft.can_turn else {"spin", "attitude"}
         inside = [
             error < bounds.get(name, self.spin)
             for state_then, aim in instants
@@ -317,7 +317,7 @@ class Regulator:
             translation = Gains.of(motion, push, weights.velocity, far)
         angles = craft.degrees_of_freedom - craft.dimension
         rotation = Gains.none(angles)
-        if can_turn(craft):
+        if craft.can_turn:
             free = LinearMotion.free(angles, period)
             angle = weights.attitude if "attitude" in held else None
             rotation = Gains.of(free, turn, weights.spin, angle)

@@ -17,7 +17,7 @@ from rans.model.body import Body
 from rans.model.coordinates import rotation_vector
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import Vec2, Vec3, leaves
-from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.optimal.control.allocation import Allocation, ThrusterPatterns, inertia
 from rans.optimal.control.dead_thrusters import ExpectsDead
@@ -135,7 +135,7 @@ class Switching(ExpectsDead, ModelBased):
         self._push, self._turn = Allocation(craft).accelerations()
         self.price = self._curve.price(self._push * craft.mass)
         """Price of impulse, s per N s."""
-        self._can_turn = can_turn(craft)
+        self._can_turn = craft.can_turn
         self._motion = LinearMotion.of(self._task.drift, craft.dimension, self._period)
         self._check_drift()
         wrenches = self._patterns.wrenches

@@ -8,7 +8,7 @@ from typing import Any
 
 from rans.display import default, meanings
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
-from rans.model.spacecraft import Spacecraft, can_turn
+from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.table import Table
 from rans.tasks import Task, observation_columns
@@ -26,7 +26,7 @@ def spacecraft_listing(craft: Spacecraft) -> Table:
         alone = " by its thrusters alone" if craft.acting_effectors else ""
         metre = f"{seconds_for_a_metre(craft):.3g} s{alone}"
     half_a_turn = "never: it cannot turn"
-    if can_turn(craft):
+    if craft.can_turn:
         half_a_turn = f"{seconds_for_half_a_turn(craft):.3g} s"
     return Table(
         ("property", "value"),

@@ -15,7 +15,6 @@ from rans.episode import Setup
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.measure.metrics import settling_times
-from rans.model.spacecraft import is_steerable
 from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.allocation import Allocation, Rounding
 
@@ -68,7 +67,7 @@ def test_wheels_carry_the_torque_of_an_incomplete_layout():
     whole = load_spacecraft("cubesat-3u")
     with warnings.catch_warnings(action="ignore"):
         alone = replace(whole, thrusters=whole.thrusters[1:], wheels=())
-    assert not is_steerable(alone)
+    assert not alone.is_steerable
     craft = replace(whole, thrusters=whole.thrusters[1:])
     assert min(Allocation(craft).authority()) > 0.0
 

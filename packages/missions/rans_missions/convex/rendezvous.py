@@ -41,7 +41,6 @@ from rans.extend import (
     map_leaves,
 )
 from rans.model.dynamics import RULES
-from rans.model.spacecraft import can_turn
 from rans_missions.convex.cone_program import ConeProgram, Rows
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 from rans_missions.vectors import numbers
@@ -199,7 +198,7 @@ def forces_in_w(craft: Spacecraft) -> np.ndarray:
     Raises:
         ConfigError: thrusters turn the craft, so that forces in W are not linear in its commands.
     """
-    if can_turn(craft):
+    if craft.can_turn:
         raise ConfigError(
             f"convex bounds are for craft whose thrusters pass through the centre of mass, and those of "
             f"{craft.name} turn it; fly one such as afrl-deputy."
