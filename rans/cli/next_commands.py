@@ -8,7 +8,7 @@ from typing import Any, cast
 
 from rans.cli.commands import COMMANDS
 from rans.cli.door import Options
-from rans.model.spacecraft import Spacecraft, controls_every_direction
+from rans.model.spacecraft import Spacecraft
 from rans.pretrained import FOR_ANY_CRAFT
 from rans.tasks.feasible import fitting_task
 
@@ -87,4 +87,4 @@ def _is_flown_without_training(craft: Spacecraft) -> bool:
     It is asked here without the network, which a list need not load.
     """
     is_open_or_shut = (craft.actuators.low, craft.actuators.high) == (0.0, 1.0)
-    return is_open_or_shut and not craft.acting_effectors and controls_every_direction(craft)
+    return is_open_or_shut and not craft.acting_effectors and craft.controls_every_direction

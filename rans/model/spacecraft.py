@@ -256,6 +256,26 @@ class Spacecraft(NotebookRepr):
         return slice(self.thruster_count, self.thruster_count + self.wheel_count)
 
     @cached_property
+    def controls_every_direction(self) -> bool:
+        """Whether the wrenches of thrusters and reaction wheels positively span all degrees of freedom."""
+        return positively_spans(self.wrenches_either_way)
+
+    @cached_property
+    def wrenches_either_way(self) -> np.ndarray:
+        """Wrench of each thruster, and of each wheel in both directions, N and N m: (3 or 6, effectors).
+
+        A wheel has two columns, one for each sense, so that commands of all columns are 0 to 1.
+        """
+        size = self.dimension
+        turns = np.array(
+            [sign * np.array(column) for column in self.wheel_map for sign in (1.0, -1.0)]
+        )
+        wheels = np.zeros((len(turns), self.degrees_of_freedom))
+        if len(turns):
+            wheels[:, size:] = turns
+        return np.vstack([self.wrenches, wheels]).T
+
+    @cached_property
     def can_turn(self) -> bool:
         """Whether any effector gives a torque about the centre of mass.
 
@@ -281,11 +301,11 @@ class Spacecraft(NotebookRepr):
         """
         if not self.thrusters:
             return bool(self.wheels) and positively_spans(
-                wrenches_either_way(self)[self.dimension :]
+                self.wrenches_either_way[self.dimension :]
             )
         if self.can_turn:
-            return controls_every_direction(self)
-        return positively_spans(wrenches_either_way(self)[: self.dimension])
+            return self.controls_every_direction
+        return positively_spans(self.wrenches_either_way[: self.dimension])
 
     @cached_property
     def has_only_thrusters(self) -> bool:
@@ -708,26 +728,6 @@ def check_rigid(craft: Spacecraft, what: str) -> None:
             f"{what} are those of a rigid craft, and {craft.name!r} has {moving}, which moves in it or depends on "
             "its motion: take its table, such as [slosh] or [[effector]], out of the file to compute them without."
         )
-
-
-def controls_every_direction(craft: Spacecraft) -> bool:
-    """Whether the wrenches of thrusters and reaction wheels positively span all degrees of freedom."""
-    return positively_spans(wrenches_either_way(craft))
-
-
-def wrenches_either_way(craft: Spacecraft) -> np.ndarray:
-    """Wrench of each thruster, and of each wheel in both directions, N and N m: (3 or 6, effectors).
-
-    A wheel has two columns, one for each sense, so that commands of all columns are 0 to 1.
-    """
-    size = craft.dimension
-    turns = np.array(
-        [sign * np.array(column) for column in craft.wheel_map for sign in (1.0, -1.0)]
-    )
-    wheels = np.zeros((len(turns), craft.degrees_of_freedom))
-    if len(turns):
-        wheels[:, size:] = turns
-    return np.vstack([craft.wrenches, wheels]).T
 
 
 def positively_spans(columns: np.ndarray) -> bool:

@@ -20,7 +20,7 @@ import numpy as np
 
 from rans.errors import ConfigError
 from rans.model.fields import Field
-from rans.model.spacecraft import Spacecraft, wrenches_either_way
+from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import FaultKind
 
 _LEAST = 1e-6
@@ -135,7 +135,7 @@ def margin_left(craft: Spacecraft, gains: np.ndarray, leaks: np.ndarray) -> floa
     """
     from scipy.optimize import linprog
 
-    wrenches = wrenches_either_way(craft).T
+    wrenches = craft.wrenches_either_way.T
     scale = np.linalg.norm(wrenches, axis=0).max()
     left = np.append(gains, np.ones(len(wrenches) - len(gains)))
     sound = ((wrenches * left[:, None])[left > 0.0]).T / scale

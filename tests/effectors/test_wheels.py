@@ -7,10 +7,9 @@ from tests.support.effector_crafts import CUBESAT, WHEELED
 
 
 def test_a_wheel_turns_a_craft_whose_thrusters_cannot():
-    from rans.model.spacecraft import controls_every_direction
 
     assert CUBESAT.can_turn
-    assert controls_every_direction(CUBESAT)
+    assert CUBESAT.controls_every_direction
     assert not replace(CUBESAT, wheels=()).can_turn
 
 

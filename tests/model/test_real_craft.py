@@ -9,10 +9,6 @@ import pytest
 
 from rans.model.body import Body
 from rans.model.dynamics import thrust
-from rans.model.spacecraft import (
-    controls_every_direction,
-    wrenches_either_way,
-)
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import REAL_CRAFT
 
@@ -116,10 +112,10 @@ def test_wheels_turn_the_craft_the_other_way():
 @pytest.mark.parametrize("name", REAL_CRAFT)
 def test_every_real_craft_pushes_and_turns_every_way(name):
     craft = load_spacecraft(name)
-    wrenches = wrenches_either_way(craft)
+    wrenches = craft.wrenches_either_way
     assert np.linalg.matrix_rank(wrenches) == craft.degrees_of_freedom
     assert craft.can_turn
-    assert controls_every_direction(craft)
+    assert craft.controls_every_direction
     # An oracle of its own: a linear programme for each way along each axis.
     from scipy.optimize import linprog
 

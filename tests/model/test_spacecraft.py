@@ -7,7 +7,7 @@ import pytest
 
 from rans import ConfigError
 from rans.model.dynamics import wrench
-from rans.model.spacecraft import Thruster, controls_every_direction
+from rans.model.spacecraft import Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.pretrained import pretrained_folder
 from tests.support.crafts import nasty_planar, nasty_spatial
@@ -104,11 +104,11 @@ def test_control_depends_on_directions_not_on_strength_or_scale():
         thrusters = tuple(
             dataclasses.replace(t, force=f) for t, f in zip(craft.thrusters, forces, strict=True)
         )
-        assert controls_every_direction(dataclasses.replace(craft, thrusters=thrusters))
+        assert dataclasses.replace(craft, thrusters=thrusters).controls_every_direction
 
 
 def test_every_shipped_spacecraft_is_controllable(shipped):
-    assert controls_every_direction(shipped)
+    assert shipped.controls_every_direction
 
 
 @pytest.mark.parametrize("factor", [0.1, 2.5, 5.0])

@@ -27,7 +27,7 @@ from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
 from rans.model.fields import unflatten
 from rans.model.random import Draws
-from rans.model.spacecraft import Spacecraft, Store, Thruster, controls_every_direction
+from rans.model.spacecraft import Spacecraft, Store, Thruster
 from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
 from rans.scenario import Scenario, draws, scenarios
@@ -226,7 +226,7 @@ def craft_with(
                 further_effectors=further,
                 actuators=actuators,
             )
-        if controls_every_direction(craft):
+        if craft.controls_every_direction:
             return craft
 
 

@@ -24,7 +24,6 @@ from rans.extend import (
     Spacecraft,
     brief,
 )
-from rans.model.spacecraft import wrenches_either_way
 from rans_any_craft.allocated import (
     CONTINUOUS,
     ON_OFF,
@@ -191,7 +190,7 @@ def _speed_of_full_wheels(craft: Spacecraft) -> float:
     """Speed, m/s, at which a wheel is full after a push along the worst axis, with the best choice of thrusters."""
     from scipy.optimize import linprog
 
-    columns = wrenches_either_way(craft)
+    columns = craft.wrenches_either_way
     # Impulses of the thrusters, seconds of full torque of the wheels either way, and the speed.
     bounds: list[tuple[float, float | None]] = [(0.0, None)] * craft.thruster_count
     for wheel in craft.wheels:
@@ -378,7 +377,7 @@ def columns_of(craft: Spacecraft) -> np.ndarray:
 
 def _accelerations(craft: Spacecraft) -> np.ndarray:
     """Accelerations (n, d) by each thruster, then by each wheel one way and the other, m/s^2 and rad/s^2."""
-    forces, torques = np.split(wrenches_either_way(craft).T, [craft.dimension], axis=1)
+    forces, torques = np.split(craft.wrenches_either_way.T, [craft.dimension], axis=1)
     if craft.dimension == 2:
         angular = torques / craft.inertia[2][2]
     else:

@@ -16,7 +16,6 @@ from rans.model.dynamics import mean_thrust
 from rans.model.spacecraft import (
     Spacecraft,
     positively_spans,
-    wrenches_either_way,
 )
 from rans.optimal.control.wheel_torques import WheelTorques, thruster_turns
 from rans.tasks.base import Task
@@ -216,7 +215,7 @@ def _with_wheels(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
     columns = basis.T @ craft.wrenches.T
     if positively_spans(columns):
         return columns, basis
-    return wrenches_either_way(craft), np.eye(size)
+    return craft.wrenches_either_way, np.eye(size)
 
 
 def check_effectors(craft: Spacecraft) -> None:
