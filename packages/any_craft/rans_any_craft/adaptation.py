@@ -108,9 +108,9 @@ class Adaptation(NamedTuple):
     def _works(self) -> np.ndarray:
         """Part of its effect that each effector gives by every hypothesis, (commands, hypotheses)."""
         works = np.ones((len(self.effects), self._hypotheses))
-        lost = np.arange(1, 1 + len(self.spare))
-        works[list(self.spare), lost] = _WEAK
-        works[list(self.weak), np.arange(1 + len(self.spare), self._hypotheses)] = _HALF
+        parts = [(k, _WEAK) for k in self.spare] + [(k, _HALF) for k in self.weak]
+        for hypothesis, (thruster, part) in enumerate(parts, start=1):
+            works[thruster, hypothesis] = part
         return works
 
     @property
@@ -119,13 +119,8 @@ class Adaptation(NamedTuple):
         return sum(self._widths())
 
     def _widths(self) -> list[int]:
-        commands = len(self.effects)
-        return [
-            *[self.twist] * 2,
-            *[commands] * 2,
-            *[self._hypotheses] * 5,
-            *self._remembered,
-        ]
+        pairs = [self.twist] * 2 + [len(self.effects)] * 2
+        return pairs + [self._hypotheses] * 5 + self._remembered
 
     @property
     def known(self) -> dict[str, int]:
@@ -144,11 +139,8 @@ class Adaptation(NamedTuple):
         The order of the memory is in agents' files; the traced program and torch run these lines alike.
         """
         size = self.twist
-        pushing = directions(size)
         earlier, latest, last, previous, *rest = rows.split(memory, self._widths())
-        beliefs = rest[:4]
-        odds = rest[4]
-        remembered = rest[5:]
+        beliefs, odds, remembered = rest[:4], rest[4], rest[5:]
 
         # Change of the twist over two periods, both readings in the present B; the reading between, in B as well.
         now, before, between = (rows.split(row, [1] * size) for row in (twist, earlier, latest))
@@ -165,48 +157,38 @@ class Adaptation(NamedTuple):
         (scatter,) = rows.computed(lambda a, b: [a + b], squares)
         scatters = rows.split(scatter, [1] * size)
         *beliefs, likelihood = rows.computed(
-            lambda *x: _learnt(
-                x[:size],
-                x[size : 2 * size],
-                x[2 * size : 3 * size],
-                x[3 * size : 4 * size],
-                x[4 * size :],
-                pushing,
-            ),
-            [*changes, *newer, *older, *scatters, *beliefs],
+            self._learnt, [*changes, *newer, *older, *scatters, *beliefs]
         )
+        gains = beliefs[:2]
         if not self.spare:
             shut = rows.product(beliefs[0], np.zeros((1, self.thrusters)))
-            memory = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
-            return Estimate(self._gains(beliefs[:2]), shut, [shut, *remembered], memory)
-        none = np.zeros((self._hypotheses, 1))
-        none[0] = 1.0
-        of_none = rows.product(likelihood, none)
-        stays = rows.constant([_REMEMBERED if self.has_checks else _FORGOTTEN])
-        (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance, stays])
+        else:
+            stays = rows.constant([_REMEMBERED if self.has_checks else _FORGOTTEN])
+            none = np.eye(self._hypotheses)[:, :1]
+            of_none = rows.product(likelihood, none)
+            (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance, stays])
+            gains, shut = self._accepted(rows, odds, gains)
+        if len(self.effects) > self.thrusters:
+            # A wheel at the limit of its momentum gives no torque, and its momentum is not observed: with wheels
+            # the gain of velocities stands for both.
+            gains = [gains[0], gains[0]]
+        memory = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
+        return Estimate(gains, shut, [shut, *remembered], memory)
 
-        # The most probable hypothesis; those with every thruster in use are preferred up to a limit of the odds.
+    def _accepted(self, rows: Rows[Row], odds: Row, gains: Sequence[Row]) -> tuple[list[Row], Row]:
+        """Both gains, (N, 1) each, and shut thrusters (N, thrusters) by the most probable hypothesis.
+
+        Those with every thruster in use are preferred up to a limit of the odds.
+        """
         shuts = self._works()[: self.thrusters] == _WEAK
         favour = np.where(shuts.any(axis=0), 0.0, _EVIDENCE)
         if self.has_checks:
             favour[1:] = np.minimum(favour[1:], _EVIDENCE_OF_CHECKS)
         (favoured,) = rows.computed(lambda a, b: [a + b], [odds, rows.constant(favour)])
         accepted = rows.largest(favoured, self._hypotheses)
-        gains = [
-            rows.product(row, np.ones((self._hypotheses, 1)))
-            for row in rows.computed(lambda a, *b: [a * x for x in b], [accepted, *beliefs[:2]])
-        ]
-        shut = rows.product(accepted, 1.0 * shuts.T)
-        memory = rows.joined([latest, twist, last, *beliefs, odds, *remembered])
-        return Estimate(self._gains(gains), shut, [shut, *remembered], memory)
-
-    def _gains(self, gains: list[Row]) -> list[Row]:
-        """Gains of velocities and of angular velocities, of estimated ones.
-
-        A wheel at the limit of its momentum gives no torque, and its momentum is not observed: with wheels the gain
-        of velocities stands for both.
-        """
-        return gains if len(self.effects) == self.thrusters else [gains[0], gains[0]]
+        parts = rows.computed(lambda a, *b: [a * x for x in b], [accepted, *gains])
+        every = np.ones((self._hypotheses, 1))
+        return [rows.product(part, every) for part in parts], rows.product(accepted, 1.0 * shuts.T)
 
     def next_memory(self, rows: Rows[Row], estimate: Row, command: Row) -> Row:
         """Memory after an estimate (`Estimate.memory`) and a command from 0 to 1.
@@ -231,14 +213,11 @@ class Adaptation(NamedTuple):
     def _after(self, *numbers: Field) -> list[Field]:
         """Momenta (shares of wheels' capacities) and number of periods, of those a period before and commands."""
         count = len(self.filling)
-        momenta = numbers[:count]
-        periods = numbers[count]
-        commands = numbers[count + 1 :]
-        wheels = zip(momenta, self.filling, commands, strict=True)
+        wheels = zip(numbers[:count], self.filling, numbers[count + 1 :], strict=True)
         filled = [
             within(momentum + part * command, -1.0, 1.0) for momentum, part, command in wheels
         ]
-        return [*filled, within(periods + 1.0, 0.0, _MOST_PERIODS)]
+        return [*filled, within(numbers[count] + 1.0, 0.0, _MOST_PERIODS)]
 
     def _effects(self, rows: Rows[Row], command: Row) -> list[Row]:
         """Change of the twist by a command along each axis, by every hypothesis, (N, hypotheses) each.
@@ -288,6 +267,51 @@ class Adaptation(NamedTuple):
         last = (where(variance == 0.0, a, b) for a, b in zip(now, between, strict=True))
         return [*(a - b for a, b in zip(now, before, strict=True)), *last]
 
+    def _learnt(self, *numbers: Field) -> list[Field]:
+        """Gains and their variances after a reading, and its log-likelihood.
+
+        Args:
+            numbers: changes of the twist over two periods (d,), what the last command does by the hypothesis (d,),
+                what the one before does (d,), sums of the squares of what every effector does by both (d,), gains
+                of velocities and of angular velocities, and their variances.
+        """
+        size = self.twist
+        pushing = directions(size)
+        changes, newer, older, scatters = (numbers[k : k + size] for k in range(0, 4 * size, size))
+        gains, variances = numbers[4 * size :][:2], numbers[4 * size :][2:]
+        is_first = variances[0] == 0.0
+        deviations: Field = 0.0
+        spread: Field = 1.0
+        after: list[tuple[Field, Field]] = []
+        for gain, variance, axes in (
+            (gains[0], variances[0], range(pushing)),
+            (gains[1], variances[1], range(pushing, size)),
+        ):
+            information: Field = 0.0
+            correction: Field = 0.0
+            for axis in axes:
+                latest = newer[axis]
+                both = latest + older[axis]
+                error = changes[axis] - gain * both
+                late = _LATE * _LATE * (latest * latest + older[axis] * older[axis])
+                own = _MODEL * _MODEL * both * both + _EACH * _EACH * scatters[axis]
+                noise = _NOISE * _NOISE + own + late
+                information = information + both * latest / noise
+                correction = correction + latest * error / noise
+                total = noise + variance * both * both
+                deviations = deviations + within(error * error / total, 0.0, _OUTLIER)
+                # In units of the noise, so that a product of six stays within single precision.
+                spread = spread * (total * (1.0 / _NOISE**2))
+            # Opposite commands give no information about a gain.
+            certain = variance / (1.0 + variance * at_least(information, 0.0))
+            after.append((within(gain + certain * correction, *_GAINS), certain + _WANDER))
+        likelihood = -0.5 * _OVERLAP * (deviations + log(spread))
+        (linear, linear_variance), (angular, angular_variance) = after
+        prior = (1.0, 1.0, _SPREAD, _SPREAD)
+        learnt = (linear, angular, linear_variance, angular_variance)
+        begun = [where(is_first, first, x) for first, x in zip(prior, learnt, strict=True)]
+        return [*begun, likelihood]
+
 
 @lru_cache(maxsize=64)
 def estimator(
@@ -325,60 +349,6 @@ def estimator(
         filling,
         has_checks,
     )
-
-
-def _learnt(
-    changes: Sequence[Field],
-    newer: Sequence[Field],
-    older: Sequence[Field],
-    scatters: Sequence[Field],
-    beliefs: Sequence[Field],
-    pushing: int,
-) -> list[Field]:
-    """Gains and their variances after a reading, its log-likelihood, and 1 where the episode had begun before.
-
-    Args:
-        changes: of the twist over two periods, (d,).
-        newer: what the last command does by the hypothesis, (d,).
-        older: what the command before the last does, (d,).
-        scatters: sums of the squares of what every effector does by both commands, (d,).
-        beliefs: gains of velocities and of angular velocities, then their variances.
-        pushing: number of velocities in a twist.
-    """
-    gains = beliefs[:2]
-    variances = beliefs[2:]
-    is_first = variances[0] == 0.0
-    deviations: Field = 0.0
-    spread: Field = 1.0
-    after: list[tuple[Field, Field]] = []
-    for gain, variance, axes in (
-        (gains[0], variances[0], range(pushing)),
-        (gains[1], variances[1], range(pushing, len(changes))),
-    ):
-        information: Field = 0.0
-        correction: Field = 0.0
-        for axis in axes:
-            latest = newer[axis]
-            both = latest + older[axis]
-            error = changes[axis] - gain * both
-            late = _LATE * _LATE * (latest * latest + older[axis] * older[axis])
-            own = _MODEL * _MODEL * both * both + _EACH * _EACH * scatters[axis]
-            noise = _NOISE * _NOISE + own + late
-            information = information + both * latest / noise
-            correction = correction + latest * error / noise
-            total = noise + variance * both * both
-            deviations = deviations + within(error * error / total, 0.0, _OUTLIER)
-            # In units of the noise, so that a product of six stays within single precision.
-            spread = spread * (total * (1.0 / _NOISE**2))
-        # Opposite commands give no information about a gain.
-        certain = variance / (1.0 + variance * at_least(information, 0.0))
-        after.append((within(gain + certain * correction, *_GAINS), certain + _WANDER))
-    likelihood = -0.5 * _OVERLAP * (deviations + log(spread))
-    (linear, linear_variance), (angular, angular_variance) = after
-    prior = (1.0, 1.0, _SPREAD, _SPREAD)
-    learnt = (linear, angular, linear_variance, angular_variance)
-    begun = [where(is_first, first, x) for first, x in zip(prior, learnt, strict=True)]
-    return [*begun, likelihood]
 
 
 def _weighed(

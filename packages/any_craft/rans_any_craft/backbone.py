@@ -171,12 +171,11 @@ class Allocated(Backbone):
         """See `Backbone`."""
         own = Authority.of_numbers(architecture.authority, architecture.reach)
         farthest: tuple[Field, Field] | None = None
-        if architecture.farthest:
-            farthest = architecture.farthest, 1.0
-        if architecture.farthest_lost:
-            whole = architecture.farthest or _UNBOUNDED
-            distance = whole + lost * (architecture.farthest_lost - whole)
-            farthest = distance, 1.0 if architecture.farthest else lost
+        if (gentle := _gentle(architecture, lost)) is not None:
+            distance: Field = architecture.farthest or _UNBOUNDED
+            if architecture.farthest_lost:
+                distance = distance + lost * (architecture.farthest_lost - distance)
+            farthest = distance, gentle
         return of_body(
             architecture.layout,
             read,
@@ -223,25 +222,7 @@ class Allocated(Backbone):
         symbols = inputs("demand", size)
         chosen = choice(architecture.tokens, architecture.adapts, numbers.price)
         if chosen is None:
-            names = dict(zip(symbols, program.single(demand, size), strict=True))
-            limits, some = None, 0.0
-            if architecture.adapts:
-                lost = inputs("lost", thruster_count(architecture.tokens))
-                names |= dict(zip(lost, program.single(SHUT, len(lost)), strict=True))
-                parts: list[Field] = [*lost]
-                limits, some = [1.0 - x for x in parts], sum(parts)
-            gentle = _gentle(architecture, some)
-            remembered = []
-            if architecture.filling:
-                remembered = inputs("wheel", len(architecture.filling) + 1)
-                wheel_names = program.single(WHEELS, len(remembered))
-                names |= dict(zip(remembered, wheel_names, strict=True))
-            filled = _filled(architecture, remembered)
-            commands = continuous(
-                symbols, architecture.tokens, limits, gentle, filled, numbers.price
-            )
-            commands = _checked(commands, architecture, remembered)
-            return program.joined(*program.lowered(commands, names))
+            return self._continuous(program, architecture, demand)
         # The best subset is the largest of linear functions.
         factor = numbers.away
         more = [AWAY] * (factor != 1.0) + [SHUT] * architecture.adapts
@@ -268,6 +249,36 @@ class Allocated(Backbone):
             continuous(symbols, turning), dict(zip(symbols, left, strict=True))
         )
         return program.joined(program.apply("Add", opened, half), *commands)
+
+    def _continuous(self, program: Program, architecture: Architecture, demand: str) -> str:
+        """Write commands for a row of demands where no thruster is on/off; see `traced`."""
+        symbols = inputs("demand", width(architecture.tokens))
+        names = dict(zip(symbols, program.single(demand, len(symbols)), strict=True))
+
+        def known(name: str, row: str, count: int) -> list[Field]:
+            """Numbers of a row of what is known."""
+            numbers = inputs(name, count)
+            names.update(zip(numbers, program.single(row, count), strict=True))
+            return [*numbers]
+
+        limits, some = None, 0.0
+        if architecture.adapts:
+            lost = known("lost", SHUT, thruster_count(architecture.tokens))
+            limits, some = [1.0 - x for x in lost], sum(lost)
+        remembered = []
+        if architecture.filling:
+            remembered = known("wheel", WHEELS, len(architecture.filling) + 1)
+        commands = continuous(
+            symbols,
+            architecture.tokens,
+            limits,
+            _gentle(architecture, some),
+            list(map(Filled, remembered[:-1], architecture.filling)),
+            numbers_of(architecture).price,
+        )
+        if _has_checks(architecture):
+            commands = _checked(commands, architecture.tokens, remembered[-1])
+        return program.joined(*program.lowered(commands, names))
 
 
 @lru_cache(maxsize=64)
@@ -314,30 +325,18 @@ def _gentle(architecture: Architecture, lost: Field) -> Field | None:
     return lost if architecture.farthest_lost and architecture.adapts else None
 
 
-def _filled(architecture: Architecture, remembered: Columns) -> list[Filled]:
-    """Wheels of a policy that remembers their momenta (`rans_any_craft.allocated.WHEELS`); none of another."""
-    return list(map(Filled, remembered[:-1], architecture.filling))
-
-
-def _checked(commands: list[Field], architecture: Architecture, remembered: Columns) -> list[Field]:
-    """Commands, or in the first periods those that check thrusters, of a policy that remembers momenta.
+def _checked(commands: list[Field], tokens: Tokens, periods: Field) -> list[Field]:
+    """Commands, or in the first periods those that check thrusters.
 
     A lost thruster is then known before the craft is faster than it can be stopped by the others.
     """
-    if not _has_checks(architecture):
-        return commands
-    periods = remembered[-1]
-    thrusters = thruster_count(architecture.tokens)
-    groups = checks(architecture.tokens)
-    first = {k: _CHECK * number for number, group in enumerate(groups) for k in group}
+    groups = checks(tokens)
+    checked: list[Field] = [0.0] * thruster_count(tokens) + [0.5] * len(wheels(tokens))
+    for number, group in enumerate(groups):
+        first = _CHECK * number
+        for k in group:
+            checked[k] = where(periods < first, 0.0, where(periods < first + _CHECK, 1.0, 0.0))
     ending = float(_CHECK * len(groups))
-    checked: list[Field] = [
-        where(periods < first[k], 0.0, where(periods < first[k] + _CHECK, 1.0, 0.0))
-        if k in first
-        else 0.0
-        for k in range(thrusters)
-    ]
-    checked += [0.5] * (len(commands) - thrusters)
     return [
         where(periods < ending, check, command)
         for command, check in zip(commands, checked, strict=True)

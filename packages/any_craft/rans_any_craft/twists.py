@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 
@@ -161,9 +162,21 @@ def _normals(columns: np.ndarray) -> np.ndarray:
         return np.zeros((0, width))
     chosen = np.array(list(itertools.combinations(range(len(lines)), width - 1)))
     rows = np.array(lines)[chosen]
-    # The product across d - 1 vectors, whose parts are their minors.
-    minors = [np.linalg.det(np.delete(rows, axis, axis=2)) for axis in range(width)]
-    normal = np.stack(minors, axis=1) * (-1.0) ** np.arange(width)
+    # The product across d - 1 vectors: minors of the first rows, by their columns, each from those with a row less
+    # (Laplace). Numbers of a simple layout come out exact, and exports have their bits.
+    minors: dict[tuple[int, ...], Any] = {(k,): rows[:, 0, k] for k in range(width)}
+    for row in range(1, width - 1):
+        minors = {
+            axes: sum(
+                (-1.0) ** (row + omitted)
+                * rows[:, row, axis]
+                * minors[axes[:omitted] + axes[omitted + 1 :]]
+                for omitted, axis in enumerate(axes)
+            )
+            for axes in itertools.combinations(range(width), row + 1)
+        }
+    every = tuple(range(width))
+    normal = np.stack([(-1.0) ** k * minors[every[:k] + every[k + 1 :]] for k in every], axis=1)
     length = np.linalg.norm(normal, axis=1)
     normal = normal[length > _PARALLEL] / length[length > _PARALLEL, None]
     return np.vstack([normal, -normal])
