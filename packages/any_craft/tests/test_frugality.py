@@ -10,9 +10,7 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from rans_any_craft.authority import Authority, Seen, of_body, shortened
-from rans_any_craft.backbone import ALLOCATED, AWAY
-from rans_any_craft.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed, numbers_of
+from rans_any_craft.frugality import AS_TRAINED, Leisure, cruise_speed, numbers_of
 from rans_any_craft.networks import for_craft
 from rans_any_craft.networks import frugal as at_value
 
@@ -84,94 +82,6 @@ def test_a_longer_flight_has_slower_ways(value, distance, seconds, acceleration,
         assert 0.5 <= long.value <= value
     speeds = [cruise_speed(distance, x, acceleration, 0.2, True) for x in (seconds, 2.0 * seconds)]
     assert speeds[1] <= speeds[0]
-
-
-def test_the_length_of_a_flight_bounds_speed_at_1_and_nothing_up_to_the_middle():
-    network = contestant("any-craft-2d").network
-    for value in (0.0, 0.2, 0.5, 0.7):
-        short, long = (at_value(network, value, 3.5, seconds) for seconds in (25.0, math.inf))
-        assert numbers_of(short.architecture) == numbers_of(long.architecture)
-        assert all(torch.equal(x, long.tensors[name]) for name, x in short.tensors.items())
-    # Less counts the longer a flight is, and the last metre more than the one before.
-    counts = [given_of(at_value(network, 1.0, 3.5, seconds)) for seconds in (25.0, 30.0, 40.0)]
-    assert all(0.15 < near < middle < far for near, middle, far in counts)
-    assert all(middle - near < far - middle for near, middle, far in counts)
-    assert counts[0] > counts[1] > counts[2]
-    # Starts so far away that there is no time to spare.
-    assert given_of(at_value(network, 1.0, 12.0, 25.0)) == pytest.approx([3.0, 3.5, 4.0])
-
-
-def at(error: list[float], angle: float = 0.0) -> Seen:
-    """A craft at rest, with the goal at a vector (m) and at an angle (rad) to its left."""
-    return Seen(error, math.cos(angle), [math.sin(angle)], [0.0, 0.0], [0.0])
-
-
-def given_of(network: Network) -> list[float]:
-    """Distances that a network is given of 3, 3.5 and 4 m."""
-    numbers = numbers_of(network.architecture)
-    return [float(shortened(at([distance, 0.0]), numbers).error[0]) for distance in (3.0, 3.5, 4.0)]
-
-
-def test_distance_and_angle_by_hand():
-    """Beyond 15 cm a quarter counts: 3 m along x become 0.15 + 0.25 * 2.85 m; then 0.5 m bound them."""
-    half = Frugality(0.25, 0.0, 0.0, 1.0)
-    (x, y) = shortened(at([3.0, 0.0]), half).error
-    assert (x, y) == pytest.approx((0.8625, 0.0))
-    (x, y) = shortened(at([0.0, -3.0]), half._replace(farthest=0.5)).error
-    assert (x, y) == pytest.approx((0.0, -0.5))
-    # What counts grows by 0.1 for each metre, to 0.535 at 3 m, and to all that there is.
-    (x, y) = shortened(at([3.0, 0.0]), half._replace(growth=0.1)).error
-    assert (x, y) == pytest.approx((1.67475, 0.0))
-    (x, y) = shortened(at([3.0, 0.0]), half._replace(growth=1.0)).error
-    assert (x, y) == pytest.approx((3.0, 0.0))
-    near = [0.06, 0.08]  # 10 cm away, which are left as they are
-    assert shortened(at(near), half).error == pytest.approx(near)
-    # A turn by -120 degrees becomes one by -30 degrees, and one by 20 degrees stays.
-    third = half._replace(largest_angle=math.pi / 6)
-    for degrees, expected in ((-120.0, -30.0), (20.0, 20.0)):
-        angle = math.radians(degrees)
-        found = shortened(at([1.0, 0.0], angle), third)
-        (sine,) = found.sines
-        assert math.degrees(math.atan2(float(sine), float(found.cosine))) == pytest.approx(expected)
-
-
-def test_thrust_is_dearer_far_from_the_goal_than_within_15_cm():
-    """Far away the commands are those of one price, near the goal those of another, and both differ."""
-    own = contestant("any-craft-2d#1").network
-    numbers = numbers_of(own.architecture)
-    assert (numbers.price, numbers.away) == pytest.approx((1.5, 8.0 / 3.0))
-    seen = observations(2000)
-    body = own.architecture.layout.in_body(seen.unbind(-1))
-    columns = own.in_body(seen)
-    (away,) = ALLOCATED.known(own.architecture, columns.unbind(-1))[AWAY]
-    distance = torch.hypot(body[4], body[5])
-    # Where the craft may coast, the network is given the goal itself.
-    assert torch.equal(away > 0.0, distance > 0.15)
-    assert 0.1 < away.mean() < 0.9
-
-    def commands(price):
-        flat = numbers._replace(price=price, away=1.0)
-        one = Network(replace(own.architecture, frugal=tuple(flat)), own.tensors)
-        return predict(one, seen.numpy())[0]
-
-    near, far = commands(1.5), commands(4.0)
-    assert (near != far).any()
-    found = predict(own, seen.numpy())[0]
-    assert np.array_equal(found, np.where(away[:, None].numpy() > 0.0, far, near))
-
-
-def test_a_quick_value_is_given_larger_accelerations_where_no_wheel_fills_up():
-    """As if the craft had them: 0.3 m/s^2 times 1.2 are 0.36; wheels that bound the speed leave them."""
-    seen = contestant("any-craft-2d").network.architecture.layout
-    body = [0.2, -0.1, 0.3, 0.0, 1.5, -0.7, 0.8, 0.6]
-    slow = Authority.of_numbers([0.2, 0.3, 0.4, 0.5, 0.6, 1.0, 1.1])
-    fast = Authority.of_numbers([0.2, 0.36, 0.48, 0.6, 0.72, 1.0, 1.1])
-    quick = AS_TRAINED._replace(acceleration=1.2)
-    told = of_body(seen, body, slow, frugality=quick)
-    assert told == pytest.approx(of_body(seen, body, fast))
-    assert told != pytest.approx(of_body(seen, body, slow))
-    bounded = of_body(seen, body, slow, farthest=(0.5, 1.0), frugality=quick)
-    assert bounded == pytest.approx(of_body(seen, body, slow, farthest=(0.5, 1.0)))
 
 
 def test_a_file_keeps_the_weights_of_all_values(tmp_path):

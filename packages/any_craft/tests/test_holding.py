@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-import numpy as np
 import pytest
 import torch
 from rans_any_craft.frugality import numbers_of
-from rans_any_craft.holding import Pulses, first, pulses_of, worth
+from rans_any_craft.holding import worth
 
 from rans.evaluation.fly.contestants import contestant
 from rans.policy.network import Network
@@ -41,41 +40,6 @@ def test_a_pulse_that_ends_outside_or_leaves_at_once_is_worth_least():
     assert pulse(push=2.0) == pulse(kick=2.0) == -1e6
     assert pulse(push=0.8) == -1e6  # 0.57 are left at 0.8 a period, less than a period
     assert pulse(kick=-0.8) == -1e6
-
-
-def by_hand(period: float = 0.2) -> Pulses:
-    """Pulses of two opposite thrusters, which cover a tolerance in a period, and of both together."""
-    opened = np.array([[0, 0], [1, 0], [0, 1], [1, 1]])
-    twist = np.array([[0.0, 0, 0], [1, 0, 0], [-1, 0, 0], [0, 0, 0]])
-    return pulses_of(opened, twist, opened.sum(axis=1), (0.05, math.radians(5.0)), period)
-
-
-def test_a_craft_coasts_while_it_is_inside_two_periods_later():
-    """Each period it moves by 0.4 tolerances from the goal: inside two periods later, then not."""
-    pulses = by_hand()
-    assert (pulses.radius, pulses.angle) == pytest.approx((1.0, 1.0))
-    for x, expected in ((0.0, (-1e5, 1.0)), (-0.01, (-1e5, -1e6)), (-0.06, (1e5, -1e6))):
-        assert tuple(first((x, 0.0, 0.4, 0.0, 0.0, 0.0), pulses)) == expected
-    # Periods of half the length are four, 0.4 s as two of 0.2 s.
-    slow = (-0.01, 0.0, 0.24, 0.0, 0.0, 0.0)
-    assert [first(slow, by_hand(period))[1] for period in (0.1, 0.2)] == [-1e6, 1.0]
-    turned = (0.0, 0.0, 0.0, 0.0, math.radians(6.0), 0.0)
-    assert tuple(first(turned, pulses)) == (1e5, -1e6)
-
-
-def test_at_most_three_thrusters_open_and_the_first_row_is_the_networks():
-    pulses = by_hand()
-    assert pulses.thrust.tolist() == [1.0, 1.0, 2.0]
-    assert (pulses.table[:, :-1] > 0.0).tolist() == [
-        [False, False],
-        [False, False],
-        [True, False],
-        [False, True],
-        [True, True],
-    ]
-    assert pulses.table[:, -1].tolist() == [1.0, 0.0, 0.0, 0.0, 0.0]
-    opened = np.array([[1, 1, 1, 1], [1, 1, 1, 0]])
-    assert len(pulses_of(opened, np.zeros((2, 3)), np.ones(2), (1.0, 1.0), 0.2).twist) == 1
 
 
 def test_pulses_are_chosen_within_the_tolerances_alone():

@@ -43,41 +43,6 @@ def test_reordered_thrusters_get_the_same_commands_reordered(name):
     assert len(torch.unique(here, dim=0)) > 10
 
 
-def near(position: float, speed: float, angle: float = 0.0, spin: float = 0.0) -> torch.Tensor:
-    """Observation of a planar craft that moves along +x, with the goal ahead (m, m/s) and to its left (degrees)."""
-    turn = np.radians(angle)
-    row = [1.0, 0.0, speed, 0.0, np.radians(spin), 1.0, position, 0.0, np.cos(turn), np.sin(turn)]
-    return torch.tensor([row], dtype=torch.float32)
-
-
-@pytest.mark.parametrize(
-    ("seen", "coasts"),
-    [
-        # In three periods of 0.2 s the craft moves by 0.6 s times its speed; then it brakes at 0.188 m/s^2.
-        (near(0.02, 0.0), True),
-        (near(0.02, 0.05), True),
-        (near(0.02, -0.05), False),  # 0.02 + 0.03 + 0.007 m are more than 0.045
-        (near(0.046, 0.0), False),
-        (near(0.0, 0.0, 4.0), True),
-        (near(0.0, 0.0, 4.0, -2.0), False),  # 4 + 1.2 degrees are more than 4.5
-        (near(0.0, 0.0, 4.0, 2.0), True),
-        (near(0.0, 0.0, 4.6), False),
-    ],
-)
-def test_a_craft_coasts_where_it_stays_at_the_goal(seen, coasts):
-    made = for_craft(network(), load_spacecraft("floating-platform"), 0.2)
-    always = Network(replace(made.architecture, coast=0.0), made.tensors)
-    at_rest, without = (
-        x.architecture.preprocessed(near(0.0, 0.0).unbind(1)) for x in (made, always)
-    )
-    columns = made.architecture.preprocessed(seen.unbind(1))
-    expected = at_rest if coasts else always.architecture.preprocessed(seen.unbind(1))
-    assert torch.equal(torch.stack(columns), torch.stack(expected))
-    assert torch.equal(torch.stack(at_rest), torch.stack(without))
-    if coasts:
-        assert not made.deterministic_action(seen, None)[0].any()
-
-
 def test_a_far_goal_is_near_in_its_direction():
     """5 m and 1 rad become half a metre and 0.35 rad, about the same axis; what is nearer stays."""
     for far, slow in ((1.0, 1.0), (1.0, 0.0), (0.01, 1.0)):
