@@ -250,18 +250,17 @@ def _allocated(
         for token in tokens
         for sign in ((1.0, -1.0) if token[-1] == WHEEL else (1.0,))
     ]
-    thrusters = thruster_count(tokens)
     # Limits of the thrusters, then of both ways of every wheel; what fills a wheel has a price.
-    count = len(columns)
     thrusters = thruster_count(tokens)
-    most: list[Field | None] = [None] * count
-    most[:thrusters] = limits or most[:thrusters]
-    charges: list[Field] = [0.0] * count
+    most: list[Field | None] = [*(limits or [None] * thrusters)]
+    charges: list[Field] = [0.0] * thrusters
     for wheel, one in enumerate(filled):
         for number, way in enumerate((1.0, -1.0), start=thrusters + 2 * wheel):
-            most[number] = one.limit(way)
+            most.append(one.limit(way))
             size = math.hypot(*columns[number])
-            charges[number] = _MOMENTUM_PRICE * size * way * one.momentum
+            charges.append(_MOMENTUM_PRICE * size * way * one.momentum)
+    if not filled:
+        most += [None] * (len(columns) - thrusters)
     parts = iter(
         shares(demand, np.array(columns), price, most, charges=charges if filled else None)
     )

@@ -11,7 +11,6 @@ import math
 import warnings
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -39,38 +38,23 @@ from rans_any_craft.authority import DIMENSIONS, WAYS, Authority, braking_distan
 from rans_any_craft.frugality import AS_TRAINED, Frugality, Leisure, cruise_speed
 from rans_any_craft.twists import authority_margin, balanced, cone_pushes, reaches
 
-
-class Range(NamedTuple):
-    """Range of a quantity in the training."""
-
-    name: str
-    unit: str
-    low: float
-    high: float
-
-    def text(self) -> str:
-        """The range in words."""
-        bounded = f"from {self.low:g} to {self.high:g}"
-        return f"above {self.low:g}" if math.isinf(self.high) else bounded
-
-
-MARGIN = Range("authority margin", "", 0.25, math.inf)
-"""Range of `rans_any_craft.twists.authority_margin`."""
+LEAST_MARGIN = 0.25
+"""Least `rans_any_craft.twists.authority_margin` in the training."""
 RANGES = {
-    2: (
-        Range("control period", "s", 0.1, 0.2),
-        Range("least linear authority", "m/s^2", 0.015, 0.7),
-        Range("least angular authority", "rad/s^2", 0.15, 8.0),
-        MARGIN,
-    ),
-    3: (
-        Range("control period", "s", 0.1, 1.0),
-        Range("least linear authority", "m/s^2", 0.008, 0.7),
-        Range("least angular authority", "rad/s^2", 0.012, 6.0),
-        MARGIN,
-    ),
+    2: {
+        ("control period", "s"): (0.1, 0.2),
+        ("least linear authority", "m/s^2"): (0.015, 0.7),
+        ("least angular authority", "rad/s^2"): (0.15, 8.0),
+        ("authority margin", ""): (LEAST_MARGIN, math.inf),
+    },
+    3: {
+        ("control period", "s"): (0.1, 1.0),
+        ("least linear authority", "m/s^2"): (0.008, 0.7),
+        ("least angular authority", "rad/s^2"): (0.012, 6.0),
+        ("authority margin", ""): (LEAST_MARGIN, math.inf),
+    },
 }
-"""Ranges of the craft that the shipped agents were trained on, by dimension."""
+"""Ranges of the craft that the shipped agents were trained on, by dimension and by quantity with its unit."""
 COAST = 3.0
 """Control periods for which a craft coasts near the goal. Of 0, 2, 3, 5 and 8 this saves impulse on random layouts
 of on/off thrusters in the plane and costs no time; in space of 3, 5 and 8 it saves most of the free flyer's.
@@ -156,16 +140,6 @@ def effects(craft: Spacecraft, period: float) -> Tokens:
     return tuple(rows)
 
 
-def coast(craft: Spacecraft, bound: float = 0.0) -> float:
-    """Control periods of `rans_any_craft.authority.coasting` for a craft; 0 with throttled thrusters.
-
-    ``bound`` is that of `farthest`.
-    """
-    if craft.actuators.kind == "throttle":
-        return 0.0
-    return _SLOW_COAST if bound else COAST
-
-
 def farthest(craft: Spacecraft, own: Authority) -> float:
     """Distance, m, of `rans_any_craft.authority.nearer` for a craft with an authority; 0: no bound.
 
@@ -178,12 +152,6 @@ def farthest(craft: Spacecraft, own: Authority) -> float:
     if not math.isfinite(speed):
         return 0.0
     return braking_distance(speed, float(own.least_linear), float(own.period))
-
-
-def _farthest_lost(craft: Spacecraft, own: Authority, tokens: Tokens) -> float:
-    """The least distance of `farthest` without one of the thrusters that the craft can spare; 0: no bound."""
-    bounds = [farthest(without(craft, k), own) for k in spare(tokens)] if craft.wheels else []
-    return min((bound for bound in bounds if bound > 0.0), default=0.0)
 
 
 def _speed_of_full_wheels(craft: Spacecraft) -> float:
@@ -232,12 +200,14 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         )
     margin = authority_margin(columns_of(craft))
     reached = (period, own.least_linear, own.least_angular, margin)
-    for number, allowed in zip(reached, RANGES[craft.dimension], strict=True):
-        if not allowed.low * (1 - _LEEWAY) <= number <= allowed.high * (1 + _LEEWAY):
-            figure = f"{number:.3g} {allowed.unit}".rstrip()
+    ranges = RANGES[craft.dimension].items()
+    for number, ((name, unit), (low, high)) in zip(reached, ranges, strict=True):
+        if not low * (1 - _LEEWAY) <= number <= high * (1 + _LEEWAY):
+            figure = f"{number:.3g} {unit}".rstrip()
+            trained = f"above {low:g}" if math.isinf(high) else f"from {low:g} to {high:g}"
             warnings.warn(
-                f"{craft.name} has a {allowed.name} of {figure}, and the agent for any craft was "
-                f"trained {allowed.text()}: it may not reach its goals. `rans train` makes an agent for this "
+                f"{craft.name} has a {name} of {figure}, and the agent for any craft was "
+                f"trained {trained}: it may not reach its goals. `rans train` makes an agent for this "
                 "craft alone.",
                 RansWarning,
                 stacklevel=2,
@@ -245,7 +215,11 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
     # What changes with the craft; weights stay.
     tokens = effects(craft, period)
     bound = farthest(craft, own)
-    farthest_lost = _farthest_lost(craft, own, tokens) if old.adapts else 0.0
+    coast = _SLOW_COAST if bound else COAST
+    # Without each thruster that an agent which adapts may lose.
+    lost = spare(tokens) if old.adapts and craft.wheels else ()
+    bounds = [farthest(without(craft, k), own) for k in lost]
+    farthest_lost = min((x for x in bounds if x > 0.0), default=0.0)
     fills_up = old.adapts and max(bound, farthest_lost) > 0.0
     new = replace(
         old,
@@ -254,7 +228,7 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         tokens=tokens,
         authority=numbers,
         reach=_reach(tokens, numbers) if old.reach and CONTINUOUS not in _kinds(tokens) else (),
-        coast=coast(craft, bound),
+        coast=0.0 if craft.actuators.kind == "throttle" else coast,
         farthest=bound,
         farthest_lost=farthest_lost,
         filling=tuple(

@@ -11,12 +11,12 @@ import numpy as np
 
 from rans import RansWarning
 from rans.extend import ConfigError, GoToPose, Spacecraft
-from rans_any_craft.networks import MARGIN, authority, columns_of, without
+from rans_any_craft.networks import LEAST_MARGIN, authority, columns_of, without
 from rans_any_craft.twists import authority_margin
 
 _SURE = 0.375
 """Authority margin from which at least 91 % of 32 flights of each of 35 random layouts of four to eight on/off
-thrusters settled; 53 to 100 % of 12 between `MARGIN` and here, 0 to 53 % of nine below."""
+thrusters settled; 53 to 100 % of 12 between `LEAST_MARGIN` and here, 0 to 53 % of nine below."""
 _DISTANCE, _ANGLE = GoToPose.position_tolerance, GoToPose.attitude_tolerance
 _REVERSED = 1.5
 """Factor by which a thruster that is turned round raises the margin from which its sign is doubted: of craft that
@@ -51,7 +51,7 @@ class Prospect(NamedTuple):
         turns = np.linalg.norm(pulses[:, craft.dimension :], axis=1)
         is_coarse = craft.dimension == 2 and not craft.is_continuous
         margin = authority_margin(columns)
-        sure = _SURE if is_coarse else MARGIN.low
+        sure = _SURE if is_coarse else LEAST_MARGIN
         return cls(margin, float(shifts.max()), float(turns.max()), craft.actuators.shortest, sure)
 
     @property
@@ -59,8 +59,8 @@ class Prospect(NamedTuple):
         """Why flights will not settle, for a sentence; "" if all are expected to."""
         if self.shortest * self.shift > _DISTANCE or self.shortest * self.turn > _ANGLE:
             return "its shortest pulse moves or turns it farther in a period than the tolerances"
-        if self.margin < MARGIN.low:
-            return f"its authority margin is {self.margin:.2g}, and hardly a craft below {MARGIN.low:g} settles"
+        if self.margin < LEAST_MARGIN:
+            return f"its authority margin is {self.margin:.2g}, and hardly a craft below {LEAST_MARGIN:g} settles"
         if self.margin < self.sure:
             return (
                 f"its authority margin is {self.margin:.2g}, and with on/off thrusters and less than "
@@ -115,7 +115,7 @@ def slips(craft: Spacecraft) -> Iterator[str]:
         return
     columns = columns_of(craft)
     margin = authority_margin(columns)
-    needed = max(_REVERSED * margin, MARGIN.low)
+    needed = max(_REVERSED * margin, LEAST_MARGIN)
     turned = []
     for k in range(craft.thruster_count):
         other = columns.copy()

@@ -34,19 +34,8 @@ class Certificate:
     """Fuel (N s) or time (s) that ``commands`` need; infinite where none were found."""
     commands: np.ndarray | None
     """(T, thrusters) zeros and ones, replayed into the goal set; None too where none are needed."""
-    dual: float
-    """The bound before branching and rounding up; in s for time, a multiple of the control period."""
-    nodes: int
-    """Branches, or multipliers, looked at."""
     seconds: float
     """Wall time."""
-
-    @property
-    def gap(self) -> float:
-        """(upper - lower) / lower."""
-        if self.lower > 0:
-            return self.upper / self.lower - 1.0
-        return 0.0 if self.upper == 0.0 else math.inf
 
 
 class Bounder(Protocol):
@@ -117,7 +106,7 @@ def certified_least_time(
 
     def search() -> Found:
         if bounder.contains(problem):
-            return Found(0.0, np.zeros((0, bounder.craft.thruster_count)), 0.0, 0)
+            return Found(0.0, np.zeros((0, bounder.craft.thruster_count)))
         return bounder.least_time(problem, most_steps, effort)
 
     return _certified(search, most_steps, lambda commands: len(commands) * bounder.period)
@@ -184,13 +173,7 @@ def _certified(
             f"the certificate needs at least one control period, a whole number, got {steps}."
         )
     began = time.monotonic()
-    result = search()
-    upper = math.inf if result.commands is None else amount(result.commands)
-    return Certificate(
-        lower=result.lower,
-        upper=upper,
-        commands=result.commands if upper > 0.0 else None,
-        dual=result.dual,
-        nodes=result.nodes,
-        seconds=time.monotonic() - began,
-    )
+    lower, commands = search()
+    upper = math.inf if commands is None else amount(commands)
+    needed = commands if upper > 0.0 else None
+    return Certificate(lower, upper, needed, time.monotonic() - began)

@@ -71,7 +71,3 @@ class Found(NamedTuple):
     """Lower bound for on/off controllers, N s or s."""
     commands: np.ndarray | None
     """(T, thrusters) zeros and ones that end in the goal set, if any were found."""
-    dual: float
-    """Bound before branching and rounding up."""
-    nodes: int
-    """Number of branches, or of multipliers, that were evaluated."""

@@ -1,10 +1,7 @@
-"""Certificates: gaps, periods, and starts that are there already or out of reach."""
-
-import math
+"""Certificates: periods, and starts that are there already or out of reach."""
 
 import pytest
 from rans_bounds.certificate import (
-    Certificate,
     bounder,
     certified_least_fuel,
     certified_least_time,
@@ -36,20 +33,6 @@ def test_out_of_reach_is_a_sentence():
     assert certified_least_time(
         PlanarBounder(Lattice(PLATFORM, 0.2)), Problem(rest, far), 6
     ).lower == pytest.approx(15.0)
-
-
-@pytest.mark.parametrize(
-    ("lower", "upper", "gap"),
-    [
-        (2.0, 3.0, 0.5),
-        (4.0, 4.0, 0.0),
-        (0.0, 0.0, 0.0),
-        (0.0, 1.0, math.inf),
-        (2.0, math.inf, math.inf),
-    ],
-)
-def test_a_gap_is_relative(lower, upper, gap):
-    assert Certificate(lower, upper, None, lower, 0, 0.0).gap == gap
 
 
 @pytest.mark.parametrize(

@@ -60,9 +60,8 @@ class SpatialBounder:
         loose = hull.least_fuel(lattice.craft, aims, start, goal, relaxation.time, goal_set)
         if math.isinf(loose):
             raise Unreachable.after(steps, lattice.period)
-        dual, nodes = _raised(relaxation, (1.04, 1.04))
-        dual = max(loose, dual)
-        lower = lattice.next_fuel(dual, relaxation.final_levels)
+        dual = _raised(relaxation, (1.04, 1.04))
+        lower = lattice.next_fuel(max(loose, dual), relaxation.final_levels)
         halves = HalfTrajectories(lattice, aims, start, goal, goal_set, steps)
         while lattice.pulse is not None and halves.exclude(round(lower / lattice.pulse)):
             lower = lattice.next_fuel(lower + lattice.pulse, relaxation.final_levels)
@@ -70,7 +69,7 @@ class SpatialBounder:
         nothing = np.zeros((steps, len(lattice.products)), dtype=np.int64)
         final = state_after(lattice.craft, start, nothing, lattice.period, 1)
         coasts = is_in_goal_set(final, goal, goal_set, "spin" in aims)
-        return Found(lower, nothing if coasts else None, dual, nodes)
+        return Found(lower, nothing if coasts else None)
 
     def least_time(self, problem: Problem, most_steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `ReachRelaxation`."""
@@ -81,15 +80,12 @@ class SpatialBounder:
         # The first number of periods that neither the hull nor the dual excludes.
         loose = rounded_up(hull.least_time(lattice.craft, aims, start, goal, goal_set), h)
         lower = max(1, round(loose / h))
-        nodes = 0
         while lower <= most_steps:
             relaxation = ReachRelaxation(lattice, aims, start, goal, goal_set, lower, 0.0)
-            value, count = _raised(relaxation, (1.0,))
-            nodes += count
-            if value <= 0.0:
+            if _raised(relaxation, (1.0,)) <= 0.0:
                 break
             lower += 1
-        return Found(lower * h, None, loose, nodes)
+        return Found(lower * h, None)
 
 
 def spatial_bounder(craft: Spacecraft, period: float) -> SpatialBounder:
@@ -115,8 +111,8 @@ def is_in_goal_set(
     )
 
 
-def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[float, int]:
-    """A high bound among costates along the way, and how many were tried; for time the first above 0.
+def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> float:
+    """A high bound among costates along the way; for time the first above 0.
 
     Pulls along the way by x (y (T - t) 2 / T - 1), in the units of the mass: x = y = 1 is the dual optimum of
     a straight flight of least fuel. Where fuel is free only y matters.
@@ -128,17 +124,15 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
     )
     ahead = displacement / max(float(np.linalg.norm(displacement)), 1e-300)
     best = -math.inf
-    count = 0
 
     # Costates along the displacement: their size (only for fuel), and the slope over time.
     def value(x: np.ndarray) -> float:
-        nonlocal best, count
+        nonlocal best
         size, slope = (1.0, x[0]) if relaxation.fuel == 0.0 else x
         if relaxation.fuel == 0.0 and best > 0.0:
             return 0.0
         result = relaxation.bound(-size * ahead, 2.0 * size * slope / relaxation.time * ahead)
         best = max(best, result)
-        count = count + 1
         return -result
 
     # Every value is a valid bound, so that the search needs no accuracy.
@@ -152,4 +146,4 @@ def _raised(relaxation: ReachRelaxation, first: tuple[float, ...]) -> tuple[floa
             "initial_simplex": simplex,
         },
     )
-    return best, count
+    return best

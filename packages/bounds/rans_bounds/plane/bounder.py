@@ -37,7 +37,6 @@ class _Outcome:
 
     excluded: bool = False
     commands: np.ndarray | None = None
-    nodes: int = 0
 
 
 class _Node(NamedTuple):
@@ -82,7 +81,6 @@ class PlanarBounder:
     def least_fuel(self, problem: Problem, steps: int, effort: SearchEffort) -> Found:
         """Certified least fuel, and commands if found; `TooManyPoints` for long times. See `Bounder`."""
         lattice = self.lattice
-        nodes = 0
         open_levels = 0
         outcome = _Outcome()
         # The bounds of the hull and of the relaxation, rounded up to a fuel that whole pulses can spend.
@@ -105,9 +103,8 @@ class PlanarBounder:
                 try:
                     relaxation, root = _root(lattice, problem, steps, level, effort)
                 except TooManyPoints:
-                    return Found(lower, None, root.best.value, nodes)
+                    return Found(lower, None)
             outcome = _decide(relaxation, root, level, effort)
-            nodes += outcome.nodes
             open_levels += not outcome.excluded
             if outcome.commands is not None or open_levels == effort.levels:
                 break
@@ -115,7 +112,7 @@ class PlanarBounder:
                 lower = lattice.fuel_above(level, relaxation.net)
         if open_levels == 0:
             raise Unreachable.after(steps, lattice.period)
-        return Found(lower, outcome.commands, root.best.value, nodes)
+        return Found(lower, outcome.commands)
 
     def least_time(self, problem: Problem, most_steps: int, effort: SearchEffort) -> Found:
         """See `Bounder`; the `ConfigError` is that of `Relaxation`.
@@ -123,16 +120,15 @@ class PlanarBounder:
         The search begins where the hull's bound ends. It gives up where a relaxation has too many points.
         """
         lattice = self.lattice
-        nodes = 0
         open_levels = 0
         outcome = _Outcome()
-        lower = dual = None
+        lower = None
         # Fewer steps than the bound of the hull are excluded without a search.
         loose = hull.least_time(
             lattice.craft, problem.aims, problem.start, problem.goal, problem.goal_set
         )
         if math.isinf(loose):
-            return Found(math.inf, None, math.inf, 0)
+            return Found(math.inf, None)
         first = max(1, round(rounded_up(loose, lattice.period) / lattice.period))
         for steps in range(first, most_steps + 1):
             try:
@@ -146,10 +142,8 @@ class PlanarBounder:
             root = _root_ascent(relaxation, 0.0, effort)
             if root.best.value > 0:
                 continue
-            dual = dual or steps
             # Else branching decides: excluded, solved, or open within the effort.
             outcome = _decide(relaxation, root, 0.0, effort)
-            nodes += outcome.nodes
             if outcome.excluded:
                 continue
             lower = lower or steps
@@ -157,9 +151,7 @@ class PlanarBounder:
             if outcome.commands is not None or open_levels == effort.levels:
                 break
         lower = lower or max(first, most_steps + 1)
-        return Found(
-            lower * lattice.period, outcome.commands, (dual or lower) * lattice.period, nodes
-        )
+        return Found(lower * lattice.period, outcome.commands)
 
 
 def planar_bounder(craft: Spacecraft, period: float) -> PlanarBounder:
@@ -223,7 +215,6 @@ def _decide(relaxation: Relaxation, root: Ascent, level: float, effort: SearchEf
     closed = True
     while heap and relaxation.work < limit:
         node = heapq.heappop(heap)
-        outcome.nodes += 1
         # Raise the bound of the node: the more, the farther it is from the level.
         patience = max(0.01 * relaxation.lattice.grain, 0.1 * (level - node.bound))
         result = ascend(
