@@ -12,8 +12,8 @@ _LARGE = 1.5
 """Factor on the radius beyond which a nozzle or the radius of gyration lies outside of a body. Of real craft
 nozzles reach 1.22 of it (Apollo), and no body's radius of gyration exceeds its radius."""
 _SMALL = 20.0
-"""Factor by which a radius exceeds all else of a body: real craft have a radius of gyration of at least 0.35 of
-it."""
+"""Factor between two lengths of a body that do not fit: real craft have a radius of gyration of 0.35 of their
+radius or more, and of 0.62 to 0.8 of their farthest nozzle."""
 _LIGHTEST = 0.01
 """kg/m^3 of a ball through the outermost thruster. Solar sails have about 0.1 (IKAROS: 310 kg, 7 m to a tip), the
 space station 0.6; a file in mm has a billionth of what is meant, one in cm a millionth."""
@@ -98,8 +98,7 @@ def misfits(craft: Spacecraft) -> list[str]:
     if gyration > _LARGE * radius:
         result.append(
             f"its inertia of {largest:g} kg m^2 is that of a body of {gyration:.3g} m about its centre, and its "
-            f"radius is {radius:g} m (at most mass x radius^2 = {craft.mass * radius**2:.3g} kg m^2): the usual "
-            "cause is an inertia, a mass or a radius in other units"
+            f"radius is {radius:g} m: the usual cause is an inertia, a mass or a radius in other units"
         )
     if arm > _LARGE * radius:
         result.append(
@@ -111,7 +110,7 @@ def misfits(craft: Spacecraft) -> list[str]:
             f"its radius is {radius:g} m, but its inertia is that of a body of {gyration:.3g} m about its centre, "
             f"and no thruster is farther than {arm:.3g} m from it: the usual cause is a radius in mm or cm"
         )
-    elif min(radius, arm) > _SMALL * gyration and not is_lighter_than_sails:
+    elif not is_lighter_than_sails and arm and max(arm / gyration, gyration / arm) > _SMALL:
         result.append(
             f"its inertia of {largest:g} kg m^2 and mass of {craft.mass:g} kg are those of a body of {gyration:.3g}"
             f" m about its centre, and a thruster is {arm:.3g} m from it: the usual cause is a mass in g, or an "

@@ -19,6 +19,8 @@ from tests.support.engines import PLATFORM
         ({"radius": 310.0}, 1),
         ({"radius": 0.00031}, 2),
         ({"inertia": ((20.0, 0.0, 0.0), (0.0, 20.0, 0.0), (0.0, 0.0, 20.0))}, 1),
+        # In kg cm^2, with the radius of a ball that has it.
+        ({"inertia": ((2e3, 0.0, 0.0), (0.0, 2e3, 0.0), (0.0, 0.0, 2e3)), "radius": 30.0}, 1),
         ({"centre_of_mass": (0.35, 0.0, 0.0)}, 1),
         ({"mass": 1000.0 * PLATFORM.mass}, 1),
         # Forces in mN: 532 m/s^2.

@@ -89,13 +89,17 @@ def spared(craft: Spacecraft, period: float) -> str:
     count = craft.thruster_count
     if not 2 <= count <= _MOST_SPARED:
         return ""
-    lost = {k: _without(craft, k, period) for k in range(count)}
-    needed = [f"{k} ({reason})" for k, reason in lost.items() if reason]
-    if not needed:
+    lost: dict[str, list[str]] = {}
+    for k in range(count):
+        lost.setdefault(_without(craft, k, period), []).append(str(k))
+    dead = lost.pop("", [])
+    if not lost:
         return "Any one of its thrusters may be dead, and it still settles."
-    dead = ", ".join(str(k) for k, reason in lost.items() if not reason)
-    start = f"Any one of these thrusters may be dead: {dead}" if dead else "No thruster may be dead"
-    return f"{start}; without one of these it may not settle: {', '.join(needed)}."
+    needed = ", ".join(f"{', '.join(numbers)} ({reason})" for reason, numbers in lost.items())
+    return (
+        f"Any one of these thrusters may be dead: {', '.join(dead) or 'none'}; without one of these it may not "
+        f"settle: {needed}."
+    )
 
 
 def _without(craft: Spacecraft, number: int, period: float) -> str:

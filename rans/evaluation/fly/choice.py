@@ -89,10 +89,9 @@ class Choice(NamedTuple):
         """
         if self.is_enough:
             return ""
-        cause = (
-            f"None of the values tried solves more: {likely_cause(craft, self.period)}. An agent that rans train "
-            "go-to-pose makes for this craft alone may."
-        )
+        cause = f"None of the values tried solves more: {likely_cause(craft, self.period)}."
+        if not misfits(craft):
+            cause += " An agent that rans train go-to-pose makes for this craft alone may."
         if is_narrow:
             cause = f"The likely cause: {NARROW}."
         elif is_named:

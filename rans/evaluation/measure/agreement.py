@@ -119,7 +119,7 @@ def compare_engines(fast: Flight, drake: Flight) -> EngineComparison:
     # Commands differ where a state is on a threshold of the policy.
     same = (fast.commands == drake.commands).all(axis=2).mean()
     title = (
-        f"{fast.controller}: the same {episodes} episodes of {fast.times[-1]:g} s with "
+        f"{fast.controller}: medians of the same {episodes} episodes of {fast.times[-1]:g} s with "
         f"{fast.craft.name} in both engines"
     )
     return EngineComparison(title, tuple(pairs), float(same))
