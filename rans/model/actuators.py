@@ -26,8 +26,6 @@ class Actuators:
     """Whether commands between 0 and 1 are valid."""
     dtype: ClassVar[Literal["int8", "float32"]] = "float32"
     """Number type in which commands are stored."""
-    has_gradient: ClassVar[bool] = False
-    """Whether the force between its limits changes continuously with the command."""
     allowed: ClassVar[str]
     """Range of a command's entries, in words."""
 
@@ -101,7 +99,6 @@ class Throttle(Actuators):
     always_lit: bool = False
     """Whether thrusters cannot be shut."""
     kind: ClassVar[str] = "throttle"
-    has_gradient: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
         for key in ("least", "most"):
