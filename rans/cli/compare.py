@@ -110,7 +110,7 @@ def _show(comparison: Comparison, full: bool) -> None:
         console.say("Interrupted before the first contestant had flown: there is no comparison.")
         return
     for sentence in tables.verdict(comparison):
-        console.say(sentence)
+        console.say(f"So far: {sentence}" if so_far else sentence)
     if comparison.entries:
         is_short = so_far or not full
         table = tables.short_table if is_short else tables.score_table
@@ -124,10 +124,9 @@ def _show(comparison: Comparison, full: bool) -> None:
         return
     # Relaxed optima, multiples of bounds, and the bound of a mission.
     further = [tables.relaxed_table(comparison)] if full else []
-    if full or not comparison.relaxed:  # Beside optima, bounds are a further question.
-        starts = counted(len(comparison.certified_starts()), "start")
-        title = f"Median multiple of the bound of the same event, {starts}"
-        further.append(tables.gap_table(tables.gaps(comparison), title))
+    starts = counted(len(comparison.certified_starts()), "start")
+    title = f"Times what is certified as least, median of {starts}"
+    further.append(tables.gap_table(tables.gaps(comparison), title))
     if full and (mission := comparison.mission) is not None:
         title = f"Over the certified least {mission.spending}, start by start"
         further.append(Table(*mission.table(comparison.entries), title))

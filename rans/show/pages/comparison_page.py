@@ -318,10 +318,8 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
         "of that moment. Impulse by a time is all that is spent until then by flights that have been in the goal "
         "set by then, in brackets how many; it is infinite for the others."
     )
-    several = len(starts) > 1
-    median = ", median" if several else ""
-    caption = "Median multiple of the bound" if several else "Multiple of the bound"
-    multiples = tables.gap_table(gaps, caption)
+    median = ", median" if len(starts) > 1 else ""
+    multiples = tables.gap_table(gaps, f"Times the bound{median}")
     columns = ("question", f"certified bound{median}", f"best found{median}", "proven optimal")
     table = Table(columns, bounds, "The bounds (s and N s)")
     yield Section("Gaps to the certified bounds", text, [multiples, table])

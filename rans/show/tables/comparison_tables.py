@@ -325,12 +325,10 @@ def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
 
 
 def gap_table(gaps: dict[str, dict[str, np.ndarray]], title: str) -> Table:
-    """A row an event: median multiples of its bound, and from how many starts somebody was there."""
+    """A row a contestant: median multiples of each event's bound, and from how many starts it was there."""
     names = dict.fromkeys(name for ratios in gaps.values() for name in ratios)
-    rows = [
-        (event, *(_middle(ratios.get(name)) for name in names)) for event, ratios in gaps.items()
-    ]
-    return Table(("event", *names), rows, title)
+    rows = [(name, *(_middle(one.get(name)) for one in gaps.values())) for name in names]
+    return Table(("contestant", *gaps), rows, title)
 
 
 def _middle(ratios: np.ndarray | None) -> str | None:

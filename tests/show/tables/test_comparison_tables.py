@@ -175,8 +175,8 @@ def test_a_multiple_of_the_bound_is_the_median_of_multiples():
     bounds = [
         replace(b, hull=0.1, lower=1.0 if b.start else 0.25, upper=9.0) for b in certified(0.1)
     ]
-    rows = tables_of(page(comparison(certified=bounds)))["Median multiple of the bound"]
-    assert rows[0][:2] == ["first time in the goal set", "3 (2 of 2)"]
+    rows = tables_of(page(comparison(certified=bounds)))["Times the bound, median"]
+    assert rows[0][:2] == ["agent", "3 (2 of 2)"]
 
 
 def tables_of(shown: Any) -> dict[str, list[list[Any]]]:
