@@ -105,10 +105,10 @@ def _names_of_others() -> Iterator[None]:
 
 @pytest.fixture(scope="session", autouse=True)
 def _few_flights_of_exports() -> Iterator[None]:
-    """Ranges of exports are those of 64 flights, as many as golden pairs need: thousands take 12 seconds."""
+    """Ranges of exports are those of 64 flights of 8 s, as many as golden pairs need: thousands take 12 seconds."""
     with pytest.MonkeyPatch.context() as patch:
-        if "rans.deploy.export" in sys.modules:
-            patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        patch.setattr("rans.deploy.export.FLIGHTS", 64)
+        patch.setattr("rans.deploy.contract.STEPS", 40)
         yield
 
 

@@ -62,7 +62,7 @@ def examples() -> list[doctest.DocTest]:
 
 
 SLOW_EXAMPLES = {
-    "validation.functions.benchmark",
+    "rans_optimal.functions.certify",
     "rans_assurance.functions.stress",
 }
 """Which take seconds, and whose commands have quick tests."""

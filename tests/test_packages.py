@@ -7,6 +7,7 @@ import importlib.metadata
 import inspect
 import pydoc
 import re
+import sysconfig
 import tomllib
 from collections import Counter
 from pathlib import Path
@@ -150,7 +151,7 @@ def test_licences_that_ask_for_something_are_named():
     text = (ROOT / "SECURITY.md").read_text("utf-8")
     asking = re.compile(r"GPL|GNU|EPL|Eclipse|mosek\.com|(?<!Other/)Proprietary")
     unnamed = []
-    for package in importlib.metadata.distributions():
+    for package in importlib.metadata.distributions(path=[sysconfig.get_path("purelib")]):
         about: Any = package.metadata  # a message of the email package
         fields = (about.get("License"), about.get("License-Expression"))
         licences = [*fields, *(x for x in about.get_all("Classifier") or () if "License" in x)]

@@ -55,7 +55,7 @@ _CONDITIONS: dict[str, tuple[str, dict[str, Any]]] = {
             "count": 1.0,
             "kinds": ("dead", "stuck", "weak"),
             "share": (0.1, 0.3),
-            "time": (1.0, 9.0),
+            "time": (0.5, 4.5),
         },
     ),
     "push": ("disturbances", {"force": (0.1, 0.3), "torque": (0.003, 0.01)}),

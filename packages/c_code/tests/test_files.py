@@ -109,7 +109,7 @@ def test_golden_pairs_come_out_of_firmwares_builds(
     command = BUILDS[build]
     if shutil.which(command[0]) is None:
         pytest.skip(f"needs {command[0]}")
-    assert "500 of 500 golden pairs" in checked(command, folder, tmp_path / "check")
+    assert "160 of 160 golden pairs" in checked(command, folder, tmp_path / "check")
 
 
 VECTORS = """
@@ -143,7 +143,7 @@ def test_golden_pairs_come_out_of_a_microcontroller(folder: Path, tmp_path: Path
     emulator = ["qemu-system-arm", "-M", "mps2-an500", "-nographic", "-kernel", str(built)]
     emulator += ["-semihosting-config", "enable=on,target=native", "-monitor", "none"]
     run = subprocess.run(emulator, check=True, capture_output=True, text=True, timeout=PATIENCE)
-    assert "500 of 500 golden pairs" in run.stdout + run.stderr
+    assert "160 of 160 golden pairs" in run.stdout + run.stderr
 
 
 @pytest.mark.slow
@@ -319,7 +319,7 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
 def test_an_agent_leaves_as_c(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*FAST, "c", "--output", str(tmp_path / "mine")]) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert "500 of 500 golden pairs come out as they should" in said
+    assert "160 of 160 golden pairs come out as they should" in said
     assert {file.name for file in (tmp_path / "mine").iterdir()} == {
         *C.files,
         "spacecraft.toml",
@@ -474,7 +474,7 @@ def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
     run = pretrained_folder("go-to-pose-2d")
     exact = load_policy(run)
     write_export(run, tmp_path, "c8", episodes=2)
-    assert "500 of 500 golden pairs come out as they should" in compiled_check(tmp_path)
+    assert "160 of 160 golden pairs come out as they should" in compiled_check(tmp_path)
     library(tmp_path)
     weights = sum(x.numel() for x in exact.network.tensors.values())
     assert loaded_size(tmp_path / "agent.o") < 80_000 < 0.3 * 4 * weights
@@ -491,7 +491,7 @@ def test_two_agents_are_linked_into_one_program(tmp_path: Path) -> None:
     for agent, prefix in (("go-to-pose-2d", "approach"), ("go-to-pose-3d", "Far")):
         folder = tmp_path / prefix
         write_export(pretrained_folder(agent), folder, "c", episodes=1, prefix=prefix)
-        assert "500 of 500" in compiled_check(folder)
+        assert "160 of 160" in compiled_check(folder)
         assert stack_of(folder)
         main_c.append(f'#include "{prefix}/agent.h"')
     main_c.append(

@@ -15,9 +15,7 @@ def agent(tmp_path_factory) -> Path:
     from rans.pretrained import pretrained_folder
 
     folder = tmp_path_factory.mktemp("agent") / "go-to-pose-2d"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.deploy.export.FLIGHTS", 64)
-        write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=0)
+    write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=0)
     return folder
 
 

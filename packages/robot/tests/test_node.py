@@ -121,9 +121,7 @@ ZONES = (1.5, 0.0, 0.4, 60.0, 60.0, 0.4, -60.0, 60.0, 0.4)
 def avoider(tmp_path_factory) -> Path:
     """The shipped agent of avoid, as a node flies it."""
     folder = tmp_path_factory.mktemp("avoider") / "avoid-2d"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("rans.deploy.export.FLIGHTS", 64)
-        write_export(pretrained_folder("avoid-2d"), folder, "numpy", episodes=0)
+    write_export(pretrained_folder("avoid-2d"), folder, "numpy", episodes=0)
     return folder
 
 

@@ -153,7 +153,7 @@ def test_golden_pairs_through_messages(folder, motors):
         moving = [motion(pairs[name][k]) for name in ("state", "goal")]
         expected = np.where(command, command, np.nan)
         np.testing.assert_array_equal(motors(now, now, *moving)[: len(command)], expected)
-    assert len(pairs["command"]) == 500
+    assert len(pairs["command"]) == 160
     assert np.isnan(motors(now + 0.3, now, *moving)).all()
 
 
