@@ -240,24 +240,25 @@ class Slosh(Effector):
         """Bodies that leave least of a rigid craft, or for which friction may stop the rod fastest.
 
         Those have the least inertia and the extremes of the masses. The centre of mass is as designed, or as far
-        as can be from the mass at rest.
+        as can be, away from the mass at rest (which leaves the least inertia) and in directions all around: where
+        friction is fastest depends on the axes of the body and on the hinge.
         """
         size = craft.dimension
         away = np.subtract(craft.centre_of_mass, self.point())[:size]
-        distance = float(np.linalg.norm(away))
-        away = away / distance if distance > 0.0 else np.eye(size)[0]
+        around = np.vstack([*product((-1.0, 0.0, 1.0), repeat=size), away])
+        directions = around / np.maximum(np.linalg.norm(around, axis=1, keepdims=True), 1e-12)
         designed = Body.of(craft)
         bodies = []
         for part in (conditions, *conditions.others):
             body = part.body
             least = bounds(body.inertia)[0]
-            for mass, shift in product(bounds(body.mass), (0.0, largest(body.centre))):
+            for mass, shift in product(bounds(body.mass), largest(body.centre) * directions):
                 bodies.append(
                     replace(
                         designed,
                         mass=mass * craft.mass,
                         inertia=tuple(least * x for x in designed.inertia),
-                        centre=tuple((shift * away).tolist()),
+                        centre=tuple(shift.tolist()),
                     )
                 )
         return bodies

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rans_missions.slosh.swinging import paces
 from rans_optimal.checks import check_craft
 from scipy.special import jnp_zeros
 
@@ -12,6 +13,7 @@ import rans
 from rans import BodyConditions, Conditions, ConfigError
 from rans.evaluation.compare.bounds import check_certifiable
 from rans.model.actuators import Propellant, Wheel
+from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.reference.plant import Plant
 from tests.support.pairs import InOrbit
@@ -90,6 +92,17 @@ def test_bodies_for_which_friction_is_too_fast_are_refused(is_alone):
     conditions = conditions if is_alone else replace(Conditions(), others=(conditions,))
     with pytest.raises(ConfigError, match=r"stop the rod of .*narrow the ranges"):
         rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
+
+
+def test_friction_is_fastest_for_a_body_that_conditions_are_checked_with():
+    """Whatever the direction of its centre of mass."""
+    slosh = replace(SLOSH, hinge=(-0.1, 0.0, 0.0), direction=(1.0, 0.0, 0.0), length=0.2)
+    craft = replace(SLOSHING, further_effectors=(slosh,))
+    checked = slosh._extreme_bodies(craft, Conditions(body=BodyConditions(centre=0.07)))
+    fastest = max(paces(slosh, craft, body)[1] for body in checked)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 40):
+        body = replace(Body.of(craft), centre=(0.07 * np.cos(angle), 0.07 * np.sin(angle)))
+        assert paces(slosh, craft, body)[1] < 1.01 * fastest
 
 
 @pytest.mark.parametrize(
