@@ -36,10 +36,10 @@ from rans_missions.guidance.impulses import (
     two_impulses,
 )
 
-BURN_TIMES = tuple(1.4**k for k in range(6))
+BURN_TIMES = tuple(1.4**k for k in range(4))
 """Times before the arrival at which later burns are tried, in multiples of the time that the craft is within reach
-of the cone: from there on, which is the latest burn that does not bend the way inside the cone, to 5.4 times as
-early."""
+of the cone: from there on, which is the latest burn that does not bend the way inside the cone, to 2.7 times as
+early; burns before that change no flight of `Rendezvous`."""
 _CHECKED_DISTANCES = (0.25, 1.0)
 """Distances from the goal at which a transfer is compared with the cone, in multiples of the cone's reach: near the
 goal, where the arc has turned into the final direction, and where the cone begins to apply."""

@@ -40,10 +40,21 @@ def flown(p: tuple[float, ...], left: float) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("y", [-200.0, 0.0, 200.0])
-def test_it_arrives_inside_the_cone(y):
-    """With 200 m beside the axis at 465 m the cheapest transfer comes from outside."""
-    places, speeds = flown((-465.0, y, 60.0), 6000.0)
+@pytest.mark.parametrize(
+    ("start", "left"),
+    [
+        ((-465.0, -200.0, 60.0), 6000.0),
+        ((-465.0, 0.0, 60.0), 6000.0),
+        ((-465.0, 200.0, 60.0), 6000.0),
+        ((-896.7, 190.5, 352.8), 10000.0),
+    ],
+)
+def test_it_arrives_inside_the_cone(start, left):
+    """With 200 m beside the axis at 465 m the cheapest transfer comes from outside.
+
+    The last start needs the earliest of `BURN_TIMES`.
+    """
+    places, speeds = flown(start, left)
     assert np.linalg.norm(places[-1]) < 0.5
     assert np.linalg.norm(speeds[-1]) <= 0.05 + 1e-6
     near = places[np.linalg.norm(places - [2.0, 0.0, 0.0], axis=1) < 100.0]
