@@ -262,6 +262,7 @@ class Comparison(NotebookRepr):
             )
         else:
             references = REFERENCES if problem is None else {"certified bounds": problem.bounds}
+            said = len(self.notes) + len(self.failures)
             for name in references:
                 with self.noting(name):
                     references[name](
@@ -274,6 +275,12 @@ class Comparison(NotebookRepr):
                     )
             self._drop_unmeasured()
             self.failures += self.impossible()
+            is_bounded = self.certified or self.mission is not None
+            if problem and certified and not is_bounded and len(self.notes + self.failures) == said:
+                self.notes.append(
+                    f"No bound is known: the package of the optimal problem {self.contest.task.optimal_problem} "
+                    "says that it bounds these starts, and gave neither a bound nor a reason."
+                )
 
     def _drop_unmeasured(self) -> None:
         """Say which bounds are of no start or event of the comparison, and leave them out."""

@@ -40,6 +40,14 @@ def test_a_task_may_bound_one_event_alone(monkeypatch, capsys):
     assert "Gaps to the certified bounds" in [section.title for section in page(found).sections]
 
 
+def test_a_package_that_bounds_nothing_is_named(monkeypatch):
+    own = Problem(lambda _: True, lambda *_, **__: None)
+    monkeypatch.setattr("rans.evaluation.compare.run.bounding", lambda _: own)
+    found = Comparison(CONTEST)
+    found.fly({}, ["optimal"])
+    assert ["gave neither a bound nor a reason" in note for note in found.notes] == [True]
+
+
 def by_hand(
     arrival: float, thrust: float, bounds: dict[float | None, Bound], settling: float = 0.1
 ) -> Comparison:
