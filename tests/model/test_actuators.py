@@ -50,6 +50,9 @@ def test_pulses_open_at_the_beginning_and_shut_in_order():
         (0.45, [0.0, 1.0, 0.0]),
         (0.25, [0.0, 0.0, 0.0]),
     ]
+    # A valve that is open to the end is so in the last piece, too, whose length is zero.
+    *_, last = Pulsed(100).pulses((0.5, 1.0))
+    assert last == (0.0, [0.0, 1.0])
 
 
 def test_few_counts_are_pieces_of_equal_length():

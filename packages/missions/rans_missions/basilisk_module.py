@@ -32,8 +32,9 @@ def write_basilisk(
     ranges = about["command"]["ranges"]
     if about["command"]["wheels"] or len(ranges) > _MOST or any(one["low"] < 0.0 for one in ranges):
         raise ConfigError(
-            f"on-times are of up to {_MOST} thrusters that push one way, and this spacecraft takes other commands: "
-            "export its agent as numpy."
+            f"the module for Basilisk gives on-times of up to {_MOST} thrusters that push one way, and this "
+            "spacecraft has wheels, more thrusters, or commands either way: export with --format numpy, and hand "
+            "its commands to Basilisk's devices."
         )
     columns = ",\n            ".join(written_columns(about))
     frame = (resources.files("rans_missions") / "data/agent_basilisk.py.txt").read_text("utf-8")

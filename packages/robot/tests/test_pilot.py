@@ -211,15 +211,19 @@ def test_a_bag_that_cannot_be_begun_is_said_before_the_flight(quick, tmp_path):
 
 
 def test_a_bag_has_a_largest_size(quick, tmp_path, monkeypatch):
-    """It ends there, whole, and says so; the flight goes on."""
-    monkeypatch.setattr("rans_robot.bag.LARGEST_BAG", 2500)
+    """It ends there, whole, and says so; the flight goes on. Here it is as large after ten commands."""
     bag = tmp_path / "flight.mcap"
     said = []
     bus = Robot()
-    report = flight(bus, quick, bag, 20, said.append)
+
+    def over():
+        if len(bus.commands) >= 10:
+            monkeypatch.setattr("rans_robot.bag.LARGEST_BAG", 0)
+        return len(bus.commands) >= 20
+
+    report = fly_over(bus, plan(quick, lost_after=60.0), bag, None, said.append, over)
     assert report.fault == ""
     assert [text for text in said if "the largest size" in text] != []
-    assert sum(len(entry.data) for entry in bag_entries(bag)) <= 2500
     again = replay_bag(bag)
     assert 0 < again.equal == again.decisions < report.decisions
 

@@ -168,8 +168,8 @@ class Slosh(Effector):
         """Refuse a pendulum that is out of range, or that leaves no rigid craft around it."""
         if craft.propellant is not None:
             raise ConfigError(
-                f"spacecraft {craft.name!r} has [slosh], a pendulum of constant mass, and [propellant]: take one "
-                "of them out of its file."
+                f"spacecraft {craft.name!r} has [slosh], a pendulum of constant mass, and [propellant], which "
+                "empties: take [propellant] out of its file for a short flight, or [slosh] for a long one."
             )
 
         def require(holds: bool, key: str, value: object, bound: str) -> None:
