@@ -34,7 +34,7 @@ def within(apart: Apart, force: float = 0.5) -> None:
     ("effects", "dimension", "period", "seed", "seconds", "force"),
     [
         (("tank", "push"), 2, 0.5, 1, 10.0, None),
-        (("wheels", "faults"), 3, 0.2, 1, 5.0, None),
+        (("wheels", "faults"), 3, 0.2, 3, 5.0, None),
         (("orbit", "kick"), 2, 0.5, 1, 25.0, None),
         (("throttle", "latency"), 2, 0.2, 1, 10.0, None),
         # Nozzles of 7.3 N once lost a state in 1 of 3 flights, and in this one.
