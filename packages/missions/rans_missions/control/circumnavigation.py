@@ -1,27 +1,26 @@
 """Guidance of inspections: the cheapest flight that linear programs find from ellipses around the target.
 
-Every start has a row in `_searched`; times are since the start of the episode, s, positions in the Hill frame, m.
+Times are since the start of the episode, s, positions in the Hill frame, m.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft, Task, Timing, Vec3, leaves, map_leaves
+from rans.extend import ConfigError, Spacecraft, Task, Timing, Vec3, map_leaves
 from rans_missions.control.afterwards import Afterwards
-from rans_missions.control.velocity_guidance import VelocityGuidance
-from rans_missions.convex.inspecting import Burns, InspectionSearch
-from rans_missions.orbits.reach import velocity_to_reach
+from rans_missions.control.velocity_guidance import TRIM, PlannedBurns, VelocityGuidance
+from rans_missions.convex.inspecting import BESIDE, Burns, InspectionSearch
 from rans_missions.passive_safety import carried
 from rans_missions.tasks.hold import Hold, HoldPlan
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.team.coasts import coasts_apart
-from rans_missions.vectors import motion_of
+from rans_missions.vectors import components, motion_of
 
 _HALF_WIDTH = 30.0
 """Half width of the ellipses from which a search begins, m; with more of them prices do not fall."""
@@ -29,38 +28,14 @@ _PHASES = (-0.5, 0.0, 0.5)
 """Phases of the craft on them ahead of the sun, rad: from there half of what it sees is in light."""
 _BLEND = 0.3
 """Part of an orbit in which such a beginning goes over from the coast to the ellipse."""
-_HOPS = 8
-"""Number of times that the search begins again: 30 lower the mean price of 12 starts by 2 %."""
-_TRIM = 0.001
-"""Error of velocity that is left alone, m/s: an orbit whose speed is off by it drifts by 18 m a turn."""
 _LATER = (0, 20, 40, 80, 120, 160, 200, 260, 320, 400, 500, 640, 800, 1200, 1600, 2400)
 """Times after enough has been in light by which a team tries to end, s: later, all must be kept in the zone."""
 _BEST = 2
 """Number of these from which the search begins in all ways: most often the price has one valley."""
-_ABOVE = 0.05
-"""Height above the horizon of a point from which it counts as seen in a search, m: for rounding."""
-_BESIDE = 0.2
-"""Distance from the keep-out ball and from the end of the zone that a flight keeps, m: for rounding."""
-_BACK = 600.0
-"""Time in which a craft returns to a searched flight, s: a tenth of an orbit, nearly straight."""
 _BEHIND = 40.0
 """Distance behind the target at which a craft stays that has seen enough, m."""
 _AWAY = 1500.0
 """Time in which it goes there, s: a quarter of the orbit at 500 km."""
-
-
-@dataclass
-class _Searched:
-    """Searched flights of N craft."""
-
-    flying: np.ndarray
-    """Whether the craft flies one, (N,)."""
-    finish: np.ndarray
-    """When the next search is due if too little has been seen by then, (N,) s."""
-    changes: np.ndarray
-    """Changes of velocity in W of all control periods still to come, (N, periods, 3) m/s."""
-    middle: np.ndarray
-    """State expected in the middle of this control period before its burn, (N, 6)."""
 
 
 class Circumnavigation(VelocityGuidance[Inspect]):
@@ -121,7 +96,11 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         self._apart: float = getattr(self.task, "keep_apart", 0.0)
         self._length = self._period * self._timing.episode_steps
         self._within = self._length if within is None else within
-        self._searched: _Searched | None = None
+        self._plans: PlannedBurns | None = None
+        self._flying = np.zeros(0, bool)
+        """Whether each craft flies what a search has found, (N,)."""
+        self._finish = np.zeros(0)
+        """When its next search is due if too little has been seen by then, (N,) s."""
         self._hold = Hold(
             mean_motion=self.task.mean_motion,
             hold_distance=_BEHIND,
@@ -134,40 +113,38 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         """See `rans.flight.Controller`; forgets flights and estimates."""
         super().reset(count)
         self._afterwards.reset(count)
-        self._searched = None
+        self._plans = None
 
     def velocity_change(self, state: Any, goal: Any, now: float) -> tuple[np.ndarray, np.ndarray]:
         """Changes of velocity (N, 3), m/s, and which rows burn; see the base.
 
         Searches when it first sees a start, and again where a flight is over and too little is inspected;
-        `_searched` remembers.
+        `_plans` remembers.
         """
         size = len(state.p.x)
-        if self._searched is None:
-            self._searched = _Searched(
-                np.zeros(size, bool),
-                np.full(size, -1.0),
-                np.zeros((size, math.ceil(self._length / self._period) + 1, 3)),
-                np.zeros((size, 6)),
+        if self._plans is None:
+            self._plans = PlannedBurns(
+                self.task.drift, self._period, size, self._timing.episode_steps + 1
             )
+            self._flying = np.zeros(size, bool)
+            self._finish = np.full(size, -1.0)
 
         # Search where no flight has been found, and where one has ended too soon; leave where enough has been seen.
-        searched = self._searched
         enough = np.broadcast_to(self.task.unseen(goal) < self.task.unseen_tolerance, size)
-        searched.flying &= ~enough
-        for row in np.flatnonzero((now > searched.finish) & ~enough)[:: self._deputies]:
-            self._search(int(row), state, goal, now, searched)
+        self._flying &= ~enough
+        for row in np.flatnonzero((now > self._finish) & ~enough)[:: self._deputies]:
+            self._search(int(row), state, goal, now, self._plans)
 
-        change = self._change_by_search(state, searched)
-        if not searched.flying.all():
+        change = self._plans.change(motion_of(state))
+        if not self._flying.all():
             away = self._change_to_leave(state)
-            away = np.where(np.linalg.norm(away, axis=0) > _TRIM, away, 0.0)
-            change = np.where(searched.flying, change, away)
-        burns: np.ndarray = np.any(change, axis=0)
-        return change.T, burns
+            away = np.where(np.linalg.norm(away, axis=1, keepdims=True) > TRIM, away, 0.0)
+            change = np.where(self._flying[:, None], change, away)
+        burns: Any = change.any(axis=1)
+        return change, burns
 
     def _change_to_leave(self, state: Any) -> np.ndarray:
-        """(3, N) change of velocity in W, m/s, with which craft go behind the target and stay there.
+        """(N, 3) change of velocity in W, m/s, with which craft go behind the target and stay there.
 
         The law of `hold` is flown with a goal behind the target, whose deadline has passed: a new plan is made.
         """
@@ -179,47 +156,25 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         velocity = self._hold.recommended(state, goal, self._hold.arrival(goal))
         stays = self._hold.staying(state, goal)
         velocity = map_leaves(lambda a, b: np.where(self._afterwards.stays, a, b), stays, velocity)
-        return np.array(leaves(velocity - state.v))
+        return components(velocity - state.v, len(zero))
 
-    def _change_by_search(self, state: Any, searched: _Searched) -> np.ndarray:
-        """(3, N) change of velocity in W, m/s, of craft that fly what a search has found; the next period follows.
-
-        An error of the velocity of more than `_TRIM` is corrected.
-        """
-        p, v = self.task.drift.carry(state.p, state.v, 0.5 * self._period)
-        planned = searched.changes[:, 0]
-        expected = searched.middle
-        away = motion_of(replace(state, p=p, v=v)).T - expected.T
-        back = velocity_to_reach(self.task.drift, Vec3(*away[:3]), Vec3(0.0, 0.0, 0.0), _BACK)
-        missing = np.array(back.columns()) - away[3:]
-        corrects = np.linalg.norm(missing, axis=0) > _TRIM
-        searched.changes = np.roll(searched.changes, -1, axis=1)
-        searched.changes[:, -1] = 0.0
-        burnt = expected + np.pad(planned, ((0, 0), (3, 0)))
-        after = np.full(len(burnt), self._period)
-        searched.middle = carried(self.task.mean_motion, burnt, after)
-        return planned.T + np.where(corrects, missing, 0.0)
-
-    def _search(self, row: int, state: Any, goal: Any, now: float, searched: _Searched) -> None:
+    def _search(self, row: int, state: Any, goal: Any, now: float, plans: PlannedBurns) -> None:
         """Set the cheapest flight that a search finds in the rows of a team; none is found: it waits."""
         team = slice(row, row + self._deputies)
         starts = np.atleast_2d(motion_of(map_leaves(lambda x: x[team], state)))
         target = map_leaves(lambda x: float(x[row]), goal)
         sun = target.notes.sun
         inspected = np.array([bool(x) for word in self.task._known(target) for x in word])
-        searched.flying[team] = False
-        searched.finish[team] = now + _AWAY
+        self._flying[team] = False
+        self._finish[team] = now + _AWAY
         for within in dict.fromkeys((self._within - now, self._length - now, self._length)):
             if within <= self._period:
                 continue
             burns = self._cheapest(starts, sun, inspected, within)
             if burns is not None:
-                searched.flying[team] = True
-                searched.finish[team] = now + burns.finish
-                searched.changes[team] = 0.0
-                searched.changes[team, burns.periods] = burns.changes
-                half = np.full(len(starts), 0.5 * self._period)
-                searched.middle[team] = carried(self.task.mean_motion, starts, half)
+                self._flying[team] = True
+                self._finish[team] = now + burns.finish
+                plans.begin(team, starts, burns.periods, burns.changes)
                 return
 
     def _cheapest(
@@ -229,16 +184,7 @@ class Circumnavigation(VelocityGuidance[Inspect]):
 
         def search(within: float) -> InspectionSearch:
             return InspectionSearch(
-                self.task,
-                self._timing,
-                starts,
-                sun,
-                inspected,
-                within,
-                self._most,
-                _ABOVE,
-                _BESIDE,
-                self._apart + _BESIDE,
+                self.task, self._timing, starts, sun, inspected, within, self._most
             )
 
         whole = search(within)
@@ -246,14 +192,14 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         if len(starts) > 1:
             ends = [self._period * math.ceil((whole.earliest + x) / self._period) for x in _LATER]
             searches = [search(end) for end in ends if end < within] + searches
-            scanned = [(one.best([one.coast], 0), k) for k, one in enumerate(searches)]
+            scanned = [(one.best([one.coast]), k) for k, one in enumerate(searches)]
             cheap = sorted(((burns.price, k) for burns, k in scanned if burns is not None))
             searches = [searches[k] for _, k in cheap[:_BEST]] or [whole]
 
         def is_safe(burns: Burns) -> bool:
-            return self._coasts_apart(starts, burns) >= self._apart + _BESIDE
+            return self._coasts_apart(starts, burns) >= self._apart + BESIDE
 
-        found = [one.best(self._beginnings(one, sun), _HOPS, is_safe) for one in searches]
+        found = [one.best(self._beginnings(one, sun), is_safe) for one in searches]
         return min(
             filter(None, found), key=lambda burns: (not is_safe(burns), burns.price), default=None
         )

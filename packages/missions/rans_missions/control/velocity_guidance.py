@@ -9,11 +9,18 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from rans.extend import ModelBased, Spacecraft, Task, Timing, Vec3, map_leaves
+from rans.extend import Drift, ModelBased, Spacecraft, Task, Timing, Vec3, map_leaves
 from rans_missions.control.tracking import Tracker
+from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.tasks.orbital import OrbitalMission
+from rans_missions.vectors import components
+
+TRIM = 0.001
+"""Error of velocity that is left alone, m/s: an orbit whose speed is off by it drifts by 18 m a turn."""
+_BACK = 600.0
+"""Time in which a craft returns to a planned flight, s: a tenth of an orbit, nearly straight."""
 
 Mission = TypeVar("Mission", bound=OrbitalMission | Inspect | FinalApproach)
 
@@ -82,3 +89,54 @@ class VelocityGuidance(ModelBased, ABC, Generic[Mission]):
             goal: goals of arrays (N,).
             now: time since the reset, s.
         """
+
+
+class PlannedBurns:
+    """Planned burns of N craft; an error of the velocity of more than `TRIM` is corrected on the way.
+
+    Args:
+        drift: motion of a free point.
+        period: control period, s.
+        count: number N of craft.
+        periods: number of control periods from any instant on in which burns may be planned.
+    """
+
+    def __init__(self, drift: Drift, period: float, count: int, periods: int) -> None:
+        self._drift = drift
+        self._period = period
+        self._changes = np.zeros((count, periods, 3))
+        self._middle = np.zeros((count, 6))
+        """States expected in the middle of this control period before its burn."""
+
+    def begin(
+        self, rows: slice, starts: np.ndarray, periods: np.ndarray, changes: np.ndarray
+    ) -> None:
+        """Plan the flights of some craft from their states now.
+
+        Args:
+            rows: D of the craft.
+            starts: states (D, 6), m and m/s in W.
+            periods: control periods from now on that have a burn, (K,).
+            changes: changes of velocity in W in them, (D, K, 3) m/s.
+        """
+        self._changes[rows] = 0.0
+        self._changes[rows, periods] = changes
+        self._middle[rows] = self._carried(starts, 0.5 * self._period)
+
+    def change(self, states: np.ndarray) -> np.ndarray:
+        """Changes of velocity in W of this control period, (N, 3) m/s, from states (N, 6); the next one follows."""
+        planned = self._changes[:, 0]
+        away = self._carried(states, 0.5 * self._period) - self._middle
+        back = velocity_to_reach(self._drift, Vec3(*away[:, :3].T), Vec3(0.0, 0.0, 0.0), _BACK)
+        missing = components(back, len(away)) - away[:, 3:]
+        corrects = np.linalg.norm(missing, axis=1, keepdims=True) > TRIM
+        self._changes = np.roll(self._changes, -1, axis=1)
+        self._changes[:, -1] = 0.0
+        burnt = self._middle + np.pad(planned, ((0, 0), (3, 0)))
+        self._middle = self._carried(burnt, self._period)
+        return planned + np.where(corrects, missing, 0.0)
+
+    def _carried(self, states: np.ndarray, time: float) -> np.ndarray:
+        """States (N, 6) after a time, s."""
+        p, v = self._drift.carry(Vec3(*states[:, :3].T), Vec3(*states[:, 3:].T), time)
+        return np.concatenate([components(x, len(states)) for x in (p, v)], axis=1)

@@ -70,7 +70,7 @@ def test_a_team_flies_dearer_burns_if_their_coasts_alone_keep_apart(
             is_whole = settings[5] == END
             self._flights = [burns(1.0, 0.0), burns(3.0, 0.05)] if is_whole else [burns(2.0, 0.0)]
 
-        def best(self, paths: Any, hops: int, is_safe: Any = lambda one: True) -> Burns:
+        def best(self, paths: Any, is_safe: Any = lambda one: True) -> Burns:
             return next(filter(is_safe, self._flights), self._flights[0])
 
     monkeypatch.setattr(circumnavigation, "InspectionSearch", Searches)

@@ -24,13 +24,13 @@ STARTS: list[Any] = list(each(scenarios(Inspect(), DEPUTY, seed=5, count=4)))
 def searched(
     task: Inspect, start: Any, is_safe: Callable[[Burns], bool] = lambda burns: True
 ) -> Burns:
-    """What the search finds from the flight without a burn."""
+    """What the search finds from the flight without a burn, and from its reflections."""
     known = np.zeros(task.points, bool)
     sun = float(start.goal.notes.sun)
     search = InspectionSearch(
-        task, task.timing, state_of(start)[None], sun, known, WITHIN, 20.0 / MASS, 0.05, 0.2
+        task, task.timing, state_of(start)[None], sun, known, WITHIN, 20.0 / MASS
     )
-    found = search.best([search.coast], 8, is_safe)
+    found = search.best([search.coast, -search.coast, search.coast * [1, 1, -1]], is_safe)
     assert found is not None
     return found
 
@@ -56,11 +56,12 @@ def test_flights_that_are_found_inspect_at_little_more_than_the_bound():
             if seen.all():
                 finish = 10.0 * check
                 break
-        assert finish == burns.finish
+        # The search sees at every second check.
+        assert finish <= burns.finish < finish + 20.0
         assert nearest > 15.0
         spent = MASS * float(np.abs(burns.changes).sum())
         bound = inspection_bound(DEPUTY, task, start.start, start.goal, WITHIN, task.timing)
-        # The bound sees one point; these flights see all for 0.3, 4 and 7 % more.
+        # The bound sees one point, these flights all.
         assert bound <= spent < 1.1 * bound
 
 
@@ -69,7 +70,7 @@ def test_a_start_whose_coast_inspects_enough_needs_no_burn():
     burns = searched(task, STARTS[0])
     assert burns.price == 0.0
     assert len(burns.periods) == 0
-    assert burns.finish == 10.0
+    assert burns.finish == 20.0
 
 
 def test_the_cheapest_safe_flight_is_flown_and_else_the_cheapest():

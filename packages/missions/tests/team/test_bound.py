@@ -60,10 +60,8 @@ def test_no_flight_that_programs_find_is_cheaper_than_the_bound():
         )
         best = math.inf
         for within in (2_800.0, 2_900.0, 3_000.0, 3_200.0, 4_000.0):
-            search = InspectionSearch(
-                task, task.timing, motion, sun, known, within, 20.0 / MASS, 0.0, 0.0, 10.0
-            )
-            burns = search.best([search.coast], 0)
+            search = InspectionSearch(task, task.timing, motion, sun, known, within, 20.0 / MASS)
+            burns = search.best([search.coast])
             best = best if burns is None else min(best, MASS * burns.price)
         assert best >= bound
         if best < math.inf:
