@@ -177,7 +177,7 @@ class Frugality(NamedTuple):
         part = toward if is_continuous else 0.0
         price, coast = _PRICE**part, 1.0 + part * (_COAST - 1.0)
         acceleration = 1.0 + (1.0 - toward) * (_HURRY - 1.0) if hurries else 1.0
-        return cls(1.0, 0.0, 0.0, round(price, 6), round(acceleration, 6), coast)
+        return cls(1.0, 0.0, 0.0, price, acceleration, coast)
 
     def slower(
         self, slow: float, distance: float, farthest: float, dimension: int = 2
@@ -201,14 +201,13 @@ class Frugality(NamedTuple):
                 bent = _BENT * (1.0 - part)
                 shortened, bound = part * (1.0 - bent), 0.0
                 growth = part * bent / (distance - NEAR)
-        angle = math.pi + slow * (_SLOW_ANGLE - math.pi)
         return self._replace(
-            shortened=round(shortened, 6),
-            farthest=round(bound, 6),
-            largest_angle=round(angle, 6),
-            price=round(price, 6),
-            away=round(away, 6),
-            growth=round(growth, 6),
+            shortened=shortened,
+            farthest=bound,
+            largest_angle=math.pi + slow * (_SLOW_ANGLE - math.pi),
+            price=price,
+            away=away,
+            growth=growth,
         )
 
 

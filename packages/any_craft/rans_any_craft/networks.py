@@ -312,10 +312,11 @@ def frugal(
         reach = _reach(architecture.tokens, architecture.authority)
         fast = max(0.0, 1.0 - value / _ALONE)
         beyond = _BEYOND * fast
-        turn = math.pi + fast * (_FAST_TURN - math.pi)
         if fast:
-            numbers = numbers._replace(largest_angle=round(turn, 6))
-    numbers = numbers._replace(finer=round(length, 6), finer_turn=round(angle, 6))
+            numbers = numbers._replace(largest_angle=math.pi + fast * (_FAST_TURN - math.pi))
+    numbers = numbers._replace(finer=length, finer_turn=angle)
+    # Files and programs have six digits; the time of a coast is a multiple of periods.
+    numbers = Frugality(*(round(x, 6) for x in numbers))._replace(coast=numbers.coast)
     nodes = network.at
     values = sorted(nodes)
     following = min(int(np.searchsorted(values, value, "right")), len(values) - 1)
