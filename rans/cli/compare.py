@@ -112,8 +112,7 @@ def _show(comparison: Comparison, full: bool) -> None:
     for sentence in tables.verdict(comparison):
         console.say(f"So far: {sentence}" if so_far else sentence)
     if comparison.entries:
-        is_short = so_far or not full
-        table = tables.short_table if is_short else tables.score_table
+        table = tables.score_table if full and not so_far else tables.short_table
         console.table(replace(table(comparison), title=comparison.contest.title()))
     if so_far:
         said = {"optimal": "certified bounds", "mpc": "MPC"}

@@ -182,6 +182,9 @@ def _file_text(given: str) -> str:
     """Text of a user's file, of limited size."""
     file = Path(given)
     if not os.path.exists(file) and not meant_file(file):
+        _, _, alone = given.rpartition("@")
+        if os.path.exists(alone):
+            raise ConfigError(f"name the spacecraft alone, {alone}, not {given}.")
         raise ConfigError(
             f"there is no spacecraft file {given}: `rans init {shlex.quote(given)}` writes one to change, and "
             "`rans list SPACECRAFT` prints the names of those that come with RANS."

@@ -271,7 +271,8 @@ def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
     if run.craft != contest.craft:
         raise ConfigError(
             f"{spec} is for the spacecraft {run.craft.name}, but the first contestant for "
-            f"{contest.craft.name}, or for other values of it; compare them separately."
+            f"{contest.craft.name}, or for other values of it; end a controller's name with @ and that one, or "
+            "compare them separately."
         )
     periods = run.timing.control_period, contest.timing.control_period
     if periods[0] != periods[1]:
