@@ -87,14 +87,10 @@ def _subsets_without(
     columns: np.ndarray, is_shared: bool, lost: tuple[int, ...], price: float
 ) -> Subsets:
     """Useful subsets of on/off thrusters with columns (n, d), and those without each of some thrusters."""
-    everything = np.arange(len(columns))
     parts = [subsets(_rows(columns), is_shared, price)]
     for number in lost:
-        left = everything != number
-        part = subsets(_rows(columns[left]), is_shared, price)
-        opened = np.zeros((len(part.opened), len(columns)))
-        opened[:, left] = part.opened
-        parts.append(part._replace(opened=opened))
+        part = subsets(_rows(np.delete(columns, number, axis=0)), is_shared, price)
+        parts.append(part._replace(opened=np.insert(part.opened, number, 0.0, axis=1)))
     joined = [np.concatenate(x) for x in zip(*parts, strict=True)]
     _, first = np.unique(joined[0], axis=0, return_index=True)
     return Subsets(*(x[np.sort(first)] for x in joined))
@@ -184,11 +180,9 @@ def checks(tokens: Tokens) -> tuple[tuple[int, ...], ...]:
     groups = []
     while left:
         one = left.pop(0)
-        sums = {k: float(np.linalg.norm(columns[one] + columns[k])) for k in left}
-        other = min(sums, key=lambda k: sums[k], default=None)
-        if other is not None:
-            left.remove(other)
-        groups.append((one,) if other is None else (one, other))
+        sums = np.linalg.norm(columns[left] + columns[one], axis=1)
+        other = [left.pop(int(sums.argmin()))] if left else []
+        groups.append((one, *other))
     return tuple(groups)
 
 
