@@ -63,6 +63,7 @@ def examples() -> list[doctest.DocTest]:
 
 SLOW_EXAMPLES = {
     "rans_optimal.functions.certify",
+    "validation.functions.benchmark",
     "rans_assurance.functions.stress",
 }
 """Which take seconds, and whose commands have quick tests."""
