@@ -56,6 +56,9 @@ class Metric:
     key: bool = False
     """Whether short tables have it, besides those that all tasks have there."""
 
+    def __repr__(self) -> str:
+        return f"{self.name} {quantity(self.value, self.unit)}"
+
 
 @dataclass(frozen=True)
 class Metrics(NotebookRepr, Mapping[str, Metric]):
@@ -71,8 +74,7 @@ class Metrics(NotebookRepr, Mapping[str, Metric]):
     rows: tuple[Metric, ...]
 
     def __repr__(self) -> str:
-        rows = ", ".join(f"{row.name} {quantity(row.value, row.unit)}" for row in self.rows)
-        return f"<{self.title()}: {rows}>"
+        return f"<{self.title()}: {', '.join(map(repr, self.rows))}>"
 
     def __getitem__(self, name: str) -> Metric:
         metrics = {row.name: row for row in self.rows}
