@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from copy import deepcopy
+from copy import copy, deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -30,6 +30,7 @@ from rans.extend import (
     Acted,
     Adam,
     Algorithm,
+    Conditions,
     ConfigError,
     ContestantName,
     Engine,
@@ -46,6 +47,7 @@ from rans.extend import (
     remember,
     whole,
 )
+from rans_value.belief import Belief
 from rans_value.goal_frame import GoalFrame, equivalent
 from rans_value.problem import TRADE_OFF, PoseProblem
 
@@ -543,6 +545,11 @@ def _check_craft(craft: Spacecraft) -> None:
         )
 
 
+_KEPT = 0.6
+"""Part of the tolerance of the position within which flights under conditions are held, as values are of flights
+without disturbances."""
+
+
 class GreedyController:
     """Commands by the value function of a run, searched two periods ahead; a `rans.Controller`.
 
@@ -578,22 +585,50 @@ class GreedyController:
                 f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
                 f"{position_tolerance!r}."
             )
-        problem = PoseProblem(run.spacecraft(), settings, config.timing, position_tolerance)
+        setup = run.spacecraft(), settings, config.timing
+        problem = PoseProblem(*setup, position_tolerance)
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
-        self._greedy = Greedy(problem, value, periods=2)
+        self._setup, self._tolerance = setup, position_tolerance or most
+        self._designed = self._greedy = Greedy(problem, value, periods=2)
+        self._belief: Belief | None = None
         self._trade_off = trade_off
 
+    def expecting(self, conditions: Conditions | None) -> GreedyController:
+        """The controller that estimates in flight what conditions may be, in the plane without limits or an end.
+
+        See `rans_value.belief`. It keeps to a part of the tolerance of the position. None: all is as designed.
+        """
+        made = copy(self)
+        made._greedy, made._belief = self._designed, None
+        craft, task, timing = self._setup
+        if conditions is not None and craft.dimension == 2 and type(task) in _POSES:
+            problem = PoseProblem(craft, task, timing, _KEPT * self._tolerance)
+            value = copy(self._designed.value)
+            value._problem = problem
+            belief: Any = Belief(problem, value, conditions, timing.episode_steps)
+            made._belief = belief
+            made._greedy = Greedy(belief, belief, periods=2)
+        return made
+
     def reset(self, count: int) -> None:
-        """Nothing is remembered."""
+        """Begin ``count`` flights; what is remembered are estimates under conditions."""
+        if self._belief is not None:
+            self._belief.reset(count)
 
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) of states."""
-        greedy = self._greedy
-        seen = greedy.problem.frame.relative(state, goal, greedy.value.mean, self._trade_off)
-        return greedy.command(seen).numpy()
+        greedy, belief = self._greedy, self._belief
+        like = greedy.value.mean if belief is None else greedy.value.mean.double()
+        seen = self._designed.problem.frame.relative(state, goal, like, self._trade_off)
+        if belief is not None:
+            seen = belief.read(seen).to(greedy.value.mean)
+        command = greedy.command(seen)
+        if belief is not None:
+            belief.sent(command)
+        return command.numpy()
 
 
 SHIPPED = Path(__file__).parent / "data"

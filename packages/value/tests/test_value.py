@@ -4,25 +4,31 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from math import copysign
 from pathlib import Path
 from typing import Any, cast
 
 import pytest
 import torch
+from rans_value.belief import Belief, drawn_parameters
 from rans_value.goal_frame import equivalent
 from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
 from rans_value.problem import PoseProblem, parted
 from torch import Tensor
 
 from rans import TASKS, ConfigError, Engine, GoToPosePriced, Timing
+from rans.episode import Setup
 from rans.evaluation.compare.entrants import contest_of, enlist
+from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import TrainConfig, training, training_of_quality
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
+from rans.model.fields import wrap
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
+from rans.randomization.parameters import examples
 from rans.scenario import scenarios
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore
@@ -167,6 +173,69 @@ def test_the_weights_that_ship_hold_a_finer_tolerance():
     assert task.reached(flight.states, flight.goals)[-25:].all()
 
 
+LAB = load_conditions("lab")
+FAULTS = load_conditions("faults")
+FAILING = replace(FAULTS, faults=replace(FAULTS.faults, time=(2.0, 2.0)))
+
+
+class Guessing:
+    """Random commands that do not let it spin, and what a belief makes of them."""
+
+    name = "guessing"
+    observes = False
+
+    def __init__(self, belief: Belief, problem: PoseProblem, told: Any) -> None:
+        self.belief = belief
+        self.problem = problem
+        self.told = told
+
+    def reset(self, count):
+        self.belief.reset(count)
+
+    def act(self, state, goal, observation):
+        like = torch.zeros((), dtype=torch.float64)
+        self.belief.read(self.problem.frame.relative(state, goal, like))
+        self.told(self.belief._estimate)
+        slows = torch.tensor([-copysign(1.0, column[2]) for column in PLATFORM.wrench_map])
+        likely = 0.25 + 0.15 * torch.as_tensor(state.w)[:, None] * slows
+        command = (torch.rand(64, 8) < likely).float()
+        self.belief.sent(command)
+        return command.numpy()
+
+
+@pytest.mark.parametrize("conditions", [LAB, FAILING], ids=["lab", "failing"])
+def test_flights_tell_what_conditions_drew(conditions):
+    """Motion by the engine, and what an episode drew: the estimates come near to both."""
+    made = learner()
+    told: list[Tensor] = []
+    belief = Belief(made.problem, made.average, conditions, 50)
+    setup = Setup(PLATFORM, TASK, Timing(episode_steps=50), conditions)
+    torch.manual_seed(0)
+    flight = fly_episodes(Guessing(belief, made.problem, told.append), setup, 0, 64)
+    like = torch.zeros((), dtype=torch.float64)
+    true = made.problem.frame.relative(flight.states, flight.goals, like)[:6, 30:-1]
+    found = torch.stack(told, dim=1)
+    error = found[:6, 30:] - true
+    error[2] = wrap(error[2])
+    noise = torch.tensor([0.005, 0.005, 0.0087, 0.01, 0.01, 0.0087])
+    assert (error.square().mean(dim=(1, 2)).sqrt() < 0.9 * noise).all()
+    # The parameters of the same episodes, in units of how much they differ.
+    ended = drawn_parameters(examples(conditions, PLATFORM, 50), PLATFORM, 0.2)[1]
+    rows = [*range(24 + 2), -2, -1]  # disturbances along x and y are in the frame of the goal
+    spread = ended[rows].std(dim=1)
+    off = (found[6:, -1] - ended[:, :64])[rows].square().mean(dim=1).sqrt()
+    assert (off <= 0.6 * spread)[spread > 1e-6].all()
+
+
+def test_the_weights_that_ship_hold_the_pose_under_conditions():
+    task = GoToPosePriced(trade_off=(0.5, 0.5))
+    designed = Newest(PLATFORM, task, Timing())
+    controller = designed.expecting(LAB)
+    flight = fly_episodes(controller, Setup(PLATFORM, task, Timing(), LAB), 0, 2)
+    assert task.reached(flight.states, flight.goals)[-25:].mean() > 0.95
+    assert controller.expecting(None)._greedy is designed._greedy
+
+
 @pytest.mark.slow
 def test_training_makes_flights_cheaper_and_they_stay_at_the_goal():
     made = learner()
@@ -251,7 +320,7 @@ def test_other_craft_and_conditions_are_refused():
         learner(load_spacecraft("free-flyer"), PORT)
     with pytest.raises(ConfigError, match="for what DockPort asks"):
         Newest(PLATFORM, PORT, PORT.timing)
-    noisy = replace(training("go-to-pose", device="cpu"), conditions=load_conditions("lab"))
+    noisy = replace(training("go-to-pose", device="cpu"), conditions=LAB)
     with pytest.raises(ConfigError, match="leave out the conditions"):
         Value.making(noisy, PLATFORM, SMALL)
 
