@@ -310,8 +310,8 @@ def check_beside(names: object) -> None:
 
 
 STARTS = 16, 1
-"""Starts by default, and those of them with certified bounds: with MPC and optima 60 s of processor time, most of
-it on all cores, so that two of a slow machine (1.5 times as long) end within a minute."""
+"""Starts by default, and those of them with certified bounds: with MPC and optima one to three minutes of processor
+time, most of it on all cores."""
 _ALL_STARTS = 128, 4
 """Starts of a full comparison, and those of them with certified bounds; it takes minutes."""
 

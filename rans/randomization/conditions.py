@@ -397,7 +397,7 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
 
 _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
     ("weight", lambda x: fits(x, lambda weight: 0 < weight < math.inf), "a finite number > 0"),
-    ("body.mass body.inertia", lambda x: bounds(x)[0] > 0, "> 0"),
+    ("body.mass body.inertia", lambda x: bounds(x)[0] >= 1e-9, ">= 1e-9"),
     (
         "thrusters.thrust thrusters.pressure",
         lambda x: largest(x) > 0,

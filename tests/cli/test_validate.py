@@ -52,9 +52,7 @@ def test_an_interrupted_validation_has_not_passed(tmp_path, monkeypatch, ran):
     monkeypatch.setitem(validation.study.study.LAYERS, "commands", interrupted)
     ran(f"validate --quick --output {tmp_path}", code=130)
     read = json.loads((tmp_path / "validation.json").read_text("utf-8"))
-    assert read["is_partial"]
-    assert not read["passed"]
-    assert [check["passed"] for check in read["checks"]] == [True, True]
+    assert (read["passed"], len(read["checks"])) == (False, 2)
 
 
 def test_valves_that_pulse_are_validated(ran):

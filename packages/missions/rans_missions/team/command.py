@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from dataclasses import dataclass
 from typing import Any
@@ -15,7 +14,6 @@ from rans.extend import (
     Table,
     Terminal,
     command_of,
-    counted,
     fly,
     load_spacecraft,
     map_leaves,
@@ -77,7 +75,7 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
     apart = flight.margins.get("keep-apart", np.full(flight.commands.shape[:2], math.inf))
     duration = timing.control_period * timing.episode_steps
     bounds, coasts = [], []
-    with progress() as bars, contextlib.suppress(KeyboardInterrupt):
+    with progress() as bars:
         step = stages(bars)("teams", episodes)
         for first in range(0, len(spent), deputies):
             rows = slice(first, first + deputies)
@@ -92,14 +90,13 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
             flown = states[1 : length + 1, rows][burnt]
             coasts.append(coasts_apart(task.mean_motion, flown))
             step(1)
-    ended = slice(0, len(coasts) * deputies, deputies)
     return TeamFlights(
-        flight.done[ended],
-        flight.violated()[ended],
-        flight.lengths[ended] * timing.control_period,
-        spent.reshape(episodes, deputies).sum(axis=1)[: len(coasts)],
-        np.array(bounds[: len(coasts)]),
-        apart.min(axis=0)[ended] + task.keep_apart,
+        flight.done[::deputies],
+        flight.violated()[::deputies],
+        flight.lengths[::deputies] * timing.control_period,
+        spent.reshape(episodes, deputies).sum(axis=1),
+        np.array(bounds),
+        apart.min(axis=0)[::deputies] + task.keep_apart,
         np.array(coasts),
     )
 
@@ -114,10 +111,8 @@ class Team(Options):
     following = ("rans compare circumnavigation:inspect-3d",)
 
     def run(self) -> int:
-        """Print the table; 1 if a team did not succeed. An interrupt is raised after the teams before it."""
+        """Print the table; 1 if a team did not succeed."""
         flown: TeamFlights = self.call()
-        if not len(flown.time):
-            raise KeyboardInterrupt
         limit = InspectTeam().keep_apart
         bound = flown.bound.sum()
         factor = f"{flown.spent.sum() / bound:.3f}" if bound else "-"
@@ -136,11 +131,8 @@ class Team(Options):
                 (f"coasts apart, m; nearer than {limit:g} m, %", nearer, flown.coasts),
             ):
                 rows.append((what, share, f"{np.median(distance):.1f}", f"{distance.min():.1f}"))
-        count = len(flown.time)
-        title = f"Inspection by {counted(count, 'team')} of {self.deputies}"
+        title = f"Inspection by teams of {self.deputies}"
         Terminal().table(Table(("what", "of all", "median", "worst"), rows, title))
-        if count < self.episodes:
-            raise KeyboardInterrupt
         return 0 if flown.succeeded.all() else 1
 
 

