@@ -163,9 +163,9 @@ class Adaptation(NamedTuple):
         if not self.spare:
             shut = rows.product(beliefs[0], np.zeros((1, self.thrusters)))
         else:
-            stays = rows.constant([_REMEMBERED if self.has_checks else _FORGOTTEN])
             none = np.eye(self._hypotheses)[:, :1]
             of_none = rows.product(likelihood, none)
+            stays = rows.constant([_REMEMBERED if self.has_checks else _FORGOTTEN])
             (odds,) = rows.computed(_weighed, [odds, likelihood, of_none, variance, stays])
             gains, shut = self._accepted(rows, odds, gains)
         if len(self.effects) > self.thrusters:
