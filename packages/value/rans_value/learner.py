@@ -11,6 +11,7 @@ learning and structured prediction to no-regret online learning", AISTATS 2011).
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from copy import copy, deepcopy
 from dataclasses import dataclass, replace
@@ -47,6 +48,7 @@ from rans.extend import (
     remember,
     whole,
 )
+from rans.fast.learn.graph import graphed
 from rans_value.belief import Belief
 from rans_value.goal_frame import GoalFrame, equivalent
 from rans_value.problem import TRADE_OFF, PoseProblem
@@ -67,9 +69,9 @@ _LOST = 6.0
 """Value, in times in which the craft gains its range and that at full thrust, beyond which flights do not go on."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
-_FITTED = 0.7
+_FITTED = 0.82
 """Part of the training in which the value function is fitted. Then its commands are imitated, by iterations that
-take twice as long."""
+take as long."""
 _RATE = 1e-3
 """First step size of the value function, which falls to a hundredth."""
 _BY_POLICY = 0.8
@@ -79,13 +81,15 @@ _LABELLED = 8
 _TRIED = 16
 """Patterns of open valves that are tried, of those whose valves alone promise the least cost. Of more than eight
 thrusters as many as a quarter of their square: valves that are good only together promise little alone."""
+_CHUNK = 65536
+"""States and commands whose outcomes are computed at once on a GPU, by one recorded function of one size."""
 _AHEAD = 4
 """Patterns after which a further period is searched."""
 _LEVELS = (0.5, 0.25, 0.1)
 """Parts of the first `_AHEAD` patterns that are tried too where thrusters are throttled or pulsed. Commands of
 least time or impulse open them wholly; holding a pose, or a spin between two pulses, takes less."""
-_JUDGED = 96
-"""Patterns whose costs are labels of the policy."""
+_LABELS = 32
+"""Patterns whose costs are labels of the policy, of those that are tried: those of least cost."""
 _DECIDED = 0.1
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
@@ -136,11 +140,15 @@ class ValueNetwork(nn.Module):
         # Eight bits would round the inputs to centimetres, and values of seconds to hundredths; eleven are enough
         # for values, but not for the range of gradients.
         x = functional.silu(self.first((problem.features(state) - self.mean) / self.spread))
-        half = torch.bfloat16 if torch.is_grad_enabled() else torch.float16
+        half = torch.bfloat16
+        if x.is_cuda and not torch.is_grad_enabled():
+            # To move sums between layers takes longer than to compute them.
+            half = torch.float16
+            x = x.half()
         with torch.autocast("cuda", half, enabled=x.is_cuda):
             for layer in self.hidden:
                 x = x + functional.silu(layer(x))
-        raw = self.last(x)[..., 0]
+        raw = self.last(x.float())[..., 0]
         scale = problem.scale * (1.0 + problem.price(state))
         return problem.terms(state)[0] + scale * functional.softplus(raw)
 
@@ -153,73 +161,94 @@ class Greedy:
     Args:
         problem: the flights.
         value: their value function.
-        periods: number of periods whose commands are searched.
     """
 
-    def __init__(self, problem: PoseProblem, value: ValueNetwork, periods: int = 1) -> None:
+    def __init__(self, problem: PoseProblem, value: ValueNetwork) -> None:
         self.problem = problem
         self.value = value
-        self._periods = periods
         device = value.mean.device
         count = problem.craft.thruster_count
         self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
-        self._tried = max(_TRIED, count**2 // 4)
         self._patterns = problem.patterns.to(device)
-        self.command = fused(self._command_of, device)
-        self.label = fused(self._label_of, device)
+        self._count = min(max(_TRIED, count**2 // 4), len(self._patterns))
+        # On a GPU inputs are at addresses that stay, as launches would take longer than the computation.
+        self._inputs: tuple[Tensor, ...] = ()
+        if device.type == "cuda":
+            shapes = ((problem.rows, _CHUNK), (_CHUNK, count))
+            self._inputs = tuple(torch.zeros(shape, device=device) for shape in shapes)
+        compiled = fused(self._outcome, device)
+        self._recorded = graphed(lambda: compiled(*self._inputs), device)
 
-    def _costs(self, state: Tensor, patterns: Tensor) -> Tensor:
-        """Costs (C, N) of patterns (C, N, n) or (C, 1, n) from states (rows, N), s."""
-        each = state[:, None].expand(-1, len(patterns), -1)
-        after, cost, discount = self.problem.step(each, patterns.expand(-1, state.shape[1], -1))
-        return cost + discount * self.value(after)
+    def _outcome(self, state: Tensor, command: Tensor) -> Tensor:
+        after, cost, discount = self.problem.step(state, command)
+        return torch.cat(
+            (torch.stack((cost + discount * self.value(after), cost, discount)), after)
+        )
 
-    def _first(self, state: Tensor, count: int) -> tuple[Tensor, Tensor]:
-        """The first patterns (C, N, n), and their costs (C, N), s."""
-        costs = self._costs(state, self._single[:, None])
+    def outcomes(self, state: Tensor, patterns: Tensor) -> Tensor:
+        """What patterns (C, N, n) or (C, 1, n) do in a period from states (rows, N), (3 + rows, C, N).
+
+        Rows are the cost with the value after the period, s, the cost of the period, s, its discount, and the
+        states after it.
+        """
+        count = state.shape[1]
+        each = state[:, None].expand(-1, len(patterns), -1).flatten(1)
+        command = patterns.expand(-1, count, -1).flatten(0, 1)
+        if not self._inputs:
+            return self._outcome(each, command).unflatten(1, (len(patterns), count))
+        parts = []
+        for states, commands in zip(each.split(_CHUNK, dim=1), command.split(_CHUNK), strict=True):
+            self._inputs[0][:, : len(commands)] = states
+            self._inputs[1][: len(commands)] = commands
+            parts.append(self._recorded()[:, : len(commands)].clone())
+        return torch.cat(parts, dim=1).unflatten(1, (len(patterns), count))
+
+    def tried(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
+        """Patterns (C, N, n) from states (rows, N), and their `outcomes`, the costs over some periods.
+
+        The best are searched further than a period. All others are moved by the mean of what that changes, and are
+        no better than these.
+        """
+        costs = self.outcomes(state, self._single[:, None])[0]
         # A row of memory for each state, as thousands of patterns are compared.
         order = (costs[1:] - costs[:1]).T @ self._patterns.T
-        first = order.topk(min(count, order.shape[1]), dim=1, largest=False).indices.T
-        patterns = self._patterns[first]
-        return patterns, self._costs(state, patterns)
-
-    def _ahead(self, state: Tensor, patterns: Tensor, costs: Tensor, periods: int) -> Any:
-        """Indices of the best patterns, these patterns, and their costs over some more periods, (A, N), s."""
-        best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices
-        patterns = patterns.gather(0, best[..., None].expand(-1, -1, patterns.shape[2]))
-        each = state[:, None].expand(-1, len(patterns), -1)
-        after, cost, discount = self.problem.step(each, patterns)
-        rest = self._best(after.flatten(1), periods)[1]
-        return best, patterns, cost + discount * rest.view_as(cost)
-
-    def _best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
-        """Patterns (N, n) of least cost over some periods, and that cost (N,), s."""
-        patterns, costs = self._first(state, self._tried)
+        patterns = self._patterns[order.topk(self._count, dim=1, largest=False).indices.T]
         if self.problem.craft.is_continuous:
-            parts = torch.cat([level * patterns[:_AHEAD] for level in _LEVELS])
-            patterns = torch.cat((patterns, parts))
-            costs = torch.cat((costs, self._costs(state, parts)))
+            parts = [level * patterns[:_AHEAD] for level in _LEVELS]
+            patterns = torch.cat((patterns, *parts))
+        outcomes = self.outcomes(state, patterns)
         if periods > 1:
-            _, patterns, costs = self._ahead(state, patterns, costs, periods - 1)
-        least, index = costs.min(dim=0)
-        chosen = index[None, :, None].expand(1, -1, patterns.shape[2])
-        return patterns.gather(0, chosen)[0], least
+            costs = outcomes[0]
+            best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices
+            _, first = _taken(patterns, outcomes, best)
+            rest = self.best(first[3:].flatten(1), periods - 1)[1][0]
+            ahead = first[1] + first[2] * rest.view_as(first[1])
+            costs = costs + (ahead - first[0]).mean(dim=0)
+            outcomes[0] = torch.maximum(costs, ahead.amax(dim=0)).scatter(0, best, ahead)
+        return patterns, outcomes
 
-    def _command_of(self, state: Tensor) -> Tensor:
-        """Patterns (N, n), zeros and ones, of states (rows, N)."""
-        return self._best(state, self._periods)[0]
+    def best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
+        """Patterns (N, n) of least cost over some periods, and their `outcomes` (3 + rows, N)."""
+        patterns, outcomes = self.tried(state, periods)
+        chosen = outcomes[0].argmin(dim=0, keepdim=True)
+        patterns, outcomes = _taken(patterns, outcomes, chosen)
+        return patterns[0], outcomes[:, 0]
 
-    def _label_of(self, state: Tensor) -> tuple[Tensor, Tensor]:
-        """Patterns (C, N, n), and their costs above that of the best, (C, N), s.
+    def label(self, state: Tensor) -> tuple[Tensor, Tensor]:
+        """Patterns (C, N, n) of valves wholly open, and costs of two periods above that of the best, (C, N), s."""
+        patterns, outcomes = self.tried(state, 2)
+        patterns, outcomes = patterns[: self._count], outcomes[:, : self._count]
+        kept = outcomes[0].topk(min(_LABELS, self._count), dim=0, largest=False).indices
+        patterns, (costs, *_) = _taken(patterns, outcomes, kept)
+        return patterns, costs - costs[0]
 
-        The best are searched a period further. All others are moved by the mean of what that changes, and are no
-        better than these.
-        """
-        patterns, costs = self._first(state, _JUDGED)
-        best, _, ahead = self._ahead(state, patterns, costs, 1)
-        costs = costs + (ahead - costs.gather(0, best)).mean(dim=0)
-        costs = torch.maximum(costs, ahead.amax(dim=0)).scatter(0, best, ahead)
-        return patterns, costs - costs.amin(dim=0)
+
+def _taken(patterns: Tensor, outcomes: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
+    """Patterns (A, N, n) and outcomes (rows, A, N) at indices (A, N), of all patterns (C, N, n)."""
+    return (
+        patterns.gather(0, index[..., None].expand(-1, -1, patterns.shape[2])),
+        outcomes.gather(1, index.expand(len(outcomes), -1, -1)),
+    )
 
 
 class ValueLearner:
@@ -268,8 +297,12 @@ class ValueLearner:
         self.value = ValueNetwork(self.problem, example, own.units)
         self.average = deepcopy(self.value)
         self.greedy = Greedy(self.problem, self.average)
-        self._value_adam = torch.optim.Adam(self.value.parameters(), _RATE, fused=True)
-        self._period = fused(self.problem.step, device)
+        self._value_adam = torch.optim.Adam(
+            self.value.parameters(),
+            torch.tensor(_RATE, device=device),
+            fused=True,
+            capturable=device.type == "cuda",
+        )
         self._value_of = fused(self.average.forward, device)
         self._loss = fused(self._loss_of, device)
         sides = (self.problem.turn, self.problem.hand, self.problem.place)
@@ -278,13 +311,18 @@ class ValueLearner:
         self._ends = example
         self._flights: list[tuple[Tensor, Tensor]] = []
         self._labels: list[list[Tensor]] = []
+        # Batches of states and of labels, at addresses that stay, and the gradient steps on them.
+        self._sample: list[Tensor] = []
+        self._batch: list[Tensor] = []
+        self._fitting = graphed(self._fitted, device)
+        self._descent = graphed(self._descend, device)
 
     def slow_down(self, remaining: float) -> None:
         """Reduce the step sizes of value function and policy while ``remaining`` falls from 1 to 0."""
         self._progress = 1.0 - remaining
         done = min(1.0, self._progress / _FITTED)
         for group in self._value_adam.param_groups:
-            group["lr"] = _RATE * (0.01 + 0.495 * (1 + math.cos(math.pi * done)))
+            group["lr"].fill_(_RATE * (0.01 + 0.495 * (1 + math.cos(math.pi * done))))
         left = min(1.0, remaining / (1.0 - _FITTED))
         self.adam.rate.fill_(self.settings.learning_rate * (0.02 + 0.98 * left))
 
@@ -363,7 +401,7 @@ class ValueLearner:
                 state[-1] = trade_off
                 command, memory = network.deterministic_action(observation, memory)
                 flown.append(state)
-                periods.append(self.problem.step(state, command)[1:])
+                periods.append(self.greedy.outcomes(state, command[None])[1:3, 0])
                 observation = flights.step(flights.commands(command)).observation
             total = torch.zeros_like(trade_off)
             totals = []
@@ -386,19 +424,19 @@ class ValueLearner:
         state = torch.where(self._uniform(count) < _GOES_ON, ends, fresh)
         # The cost of a command at random is no value, but where it leads to is a state like others.
         other = (self._uniform(count, self.engine.craft.thruster_count) < 0.25).to(state.dtype)
-        disturbed, _, _ = self._period(state, other)
+        disturbed = self.greedy.outcomes(state, other[None])[3:, 0]
         state = torch.where(self._uniform(count) < 0.25, disturbed, state)
         states, costs, discounts = [], [], []
         for _ in range(_PERIODS):
-            command = self.greedy.command(state)
             states.append(state)
-            state, cost, discount = self._period(state, command)
+            outcome = self.greedy.best(state, 1)[1]
+            cost, discount, state = outcome[1], outcome[2], outcome[3:]
             costs.append(cost)
             discounts.append(discount)
         # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
-        sides = zip(self._turn, self._hand, strict=True)
-        seen = [self._value_of(equivalent(state, *side)) for side in sides]
-        target = torch.stack(seen).mean(dim=0)
+        turn, hand = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand))
+        seen = equivalent(state.repeat(1, len(self._turn)), turn, hand)
+        target = self._value_of(seen).view(-1, count).mean(dim=0)
         # Flights that are over, or never come to rest, begin anew.
         most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
         goes_on = (target < most) & ~self.problem.frame.is_over(state)
@@ -422,14 +460,19 @@ class ValueLearner:
     def _fit(self, state: Tensor, target: Tensor) -> Tensor:
         """One gradient step on states (rows, N) as seen from equivalent sides; returns the loss."""
         side = self._indices(len(self._turn), state.shape[1])
-        loss = self._loss(state, target, self._turn[side], self._hand[side])
-        self._value_adam.zero_grad(set_to_none=True)
-        loss.backward()
-        nn.utils.clip_grad_norm_(self.value.parameters(), 1.0)
+        _put(self._sample, (state, target, self._turn[side], self._hand[side]))
+        return self._fitting().clone()
+
+    def _fitted(self) -> Tensor:
+        loss = self._loss(*self._sample)
+        weights = [*self.value.parameters()]
+        for weight, gradient in zip(weights, torch.autograd.grad(loss, weights), strict=True):
+            weight.grad = gradient
+        nn.utils.clip_grad_norm_(weights, 1.0)
         self._value_adam.step()
         with torch.no_grad():
             torch._foreach_lerp_(  # type: ignore[attr-defined]  # private in torch
-                [*self.average.parameters()], [*self.value.parameters()], 1.0 - _KEEP
+                [*self.average.parameters()], weights, 1.0 - _KEEP
             )
         return loss.detach()
 
@@ -484,19 +527,30 @@ class ValueLearner:
 
     def _imitate(self) -> Tensor:
         """Gradient steps of the policy on labels of the last iterations; returns the mean norm."""
-        columns, patterns, regrets = (torch.cat(x) for x in zip(*self._labels, strict=True))
+        labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
+        count = self.settings.batch_size
         norms = []
+        # The value function needs more bits of its inputs than gradients do.
+        precision = torch.get_float32_matmul_precision()
+        torch.set_float32_matmul_precision("high")
         for _ in range(10 * self._own.updates):
-            chosen = self._indices(len(columns), self.settings.batch_size)
-            policy: Any = self.network.evaluate_seen(columns[chosen]).policy
-            logit = policy.logit if hasattr(policy, "logit") else _GAIN * (policy.mean - 0.5)
-            # The probability that the policy opens one of the patterns, those that cost more counting less: of
-            # two that are as good it may have either, and never what lies between them.
-            side = 1.0 - 2.0 * patterns[chosen]
-            likely = -functional.softplus(side * logit[:, None]).sum(dim=2)
-            loss = -torch.logsumexp(likely - regrets[chosen], dim=1).mean()
-            norms.append(self.adam.descend(loss, math.inf, self.engine.processes))
+            chosen = self._indices(len(labels[0]), count)
+            _put(self._batch, [x[chosen] for x in labels])
+            norms.append(self._descent().clone())
+        torch.set_float32_matmul_precision(precision)
         return torch.stack(norms).mean()
+
+    def _descend(self) -> Tensor:
+        """One gradient step of the policy on the batch; returns the norm."""
+        columns, patterns, regrets = self._batch
+        policy: Any = self.network.evaluate_seen(columns).policy
+        logit = policy.logit if hasattr(policy, "logit") else _GAIN * (policy.mean - 0.5)
+        # The probability that the policy opens one of the patterns, those that cost more counting less: of two that
+        # are as good it may have either, and never what lies between them.
+        side = 1.0 - 2.0 * patterns
+        likely = -functional.softplus(side * logit[:, None]).sum(dim=2)
+        loss = -torch.logsumexp(likely - regrets, dim=1).mean()
+        return self.adam.descend(loss, math.inf, self.engine.processes)
 
     def state(self) -> dict[str, Any]:
         """State of the learner without flights and labels, which a resumed training collects again."""
@@ -517,6 +571,14 @@ class ValueLearner:
             network.load_state_dict(saved["average"])
         self._generator.set_state(saved["generator"].cpu())
         self._flights = [self._flown()]
+
+
+def _put(kept: list[Tensor], tensors: Sequence[Tensor]) -> None:
+    """Copy tensors to where the first of them were put."""
+    if not kept:
+        kept += [x.clone() for x in tensors]
+    for old, new in zip(kept, tensors, strict=True):
+        old.copy_(new)
 
 
 def _check(engine: Engine, network: Network) -> None:
@@ -591,7 +653,7 @@ class GreedyController:
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
         self._setup, self._tolerance = setup, position_tolerance or most
-        self._designed = self._greedy = Greedy(problem, value, periods=2)
+        self._designed = self._greedy = Greedy(problem, value)
         self._belief: Belief | None = None
         self._trade_off = trade_off
 
@@ -609,7 +671,7 @@ class GreedyController:
             value._problem = problem
             belief: Any = Belief(problem, value, conditions, timing.episode_steps)
             made._belief = belief
-            made._greedy = Greedy(belief, belief, periods=2)
+            made._greedy = Greedy(belief, belief)
         return made
 
     def reset(self, count: int) -> None:
@@ -625,7 +687,7 @@ class GreedyController:
         seen = self._designed.problem.frame.relative(state, goal, like, self._trade_off)
         if belief is not None:
             seen = belief.read(seen).to(greedy.value.mean)
-        command = greedy.command(seen)
+        command = greedy.best(seen, 2)[0]
         if belief is not None:
             belief.sent(command)
         return command.numpy()
@@ -680,7 +742,7 @@ class Newest(GreedyController):
         )
 
 
-_ITERATIONS = 320
+_ITERATIONS = 272
 """Iterations of a training; what more of them gain: docs/decisions/value.md."""
 _POLICY: dict[str, Any] = {
     "n_envs": 24576,

@@ -12,7 +12,7 @@ import pytest
 import torch
 from rans_value.belief import Belief, drawn_parameters
 from rans_value.goal_frame import equivalent
-from rans_value.learner import Greedy, GreedyController, Newest, Value, ValueLearner, ValueSettings
+from rans_value.learner import GreedyController, Newest, Value, ValueLearner, ValueSettings
 from rans_value.problem import PoseProblem, parted
 from torch import Tensor
 
@@ -132,24 +132,24 @@ def test_commands_cost_at_most_what_they_promise():
     made = learner()
     greedy = made.greedy
     state = made._ends[:, :64]
-    command = greedy.command(state)
-    single = greedy._costs(state, torch.eye(8)[:, None]).amin(dim=0)
-    assert (greedy._costs(state, command[None])[0] <= single + 1e-5).all()  # rounding
+    command = greedy.best(state, 1)[0]
+    single = greedy.outcomes(state, torch.eye(8)[:, None])[0].amin(dim=0)
+    assert (greedy.outcomes(state, command[None])[0, 0] <= single + 1e-5).all()  # rounding
 
     def of_two(first):
         after, cost, discount = made.problem.step(state, first)
-        return cost + discount * greedy._costs(after, greedy.command(after)[None])[0]
+        return cost + discount * greedy.outcomes(after, greedy.best(after, 1)[0][None])[0, 0]
 
     # Ahead of two periods, the command of one is among those that are tried.
-    ahead = Greedy(made.problem, made.average, periods=2).command(state)
+    ahead, _ = greedy.best(state, 2)
     assert (of_two(ahead) <= of_two(command) + 1e-5).all()
 
 
 def test_pulsed_thrusters_are_opened_in_part_where_that_costs_less():
     greedy = learner(load_spacecraft("atmos")).greedy
     state = torch.rand(greedy.problem.rows, 64, generator=torch.Generator().manual_seed(1))
-    patterns, costs = greedy._best(state, 1)
-    whole = greedy._costs(state, greedy.problem.patterns[:, None]).amin(dim=0)
+    patterns, (costs, *_) = greedy.best(state, 1)
+    whole = greedy.outcomes(state, greedy.problem.patterns[:, None])[0].amin(dim=0)
     partly = ((patterns > 0.0) & (patterns < 1.0)).any(dim=1)
     assert (costs[partly] < whole[partly]).any()
 
@@ -158,7 +158,7 @@ def test_labels_are_costs_above_the_best_of_two_periods():
     made = learner()
     state = made._ends[:, :64]
     patterns, regret = made.greedy.label(state)
-    best = Greedy(made.problem, made.average, periods=2).command(state)
+    best, _ = made.greedy.best(state, 2)
     assert (regret.min(dim=0).values == 0).all()
     # Few patterns are better than all that the search tries first.
     cost = regret.where((patterns == best).all(dim=2), 0.0).sum(dim=0)
@@ -247,7 +247,7 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal():
         """Mean cost of flights of 20 s, and the part of the periods of the last fifth within the tolerances."""
         state, total, held = start, torch.zeros(64), torch.zeros(64)
         for period in range(100):
-            state, cost, _ = made.problem.step(state, made.greedy.command(state))
+            state, cost, _ = made.problem.step(state, made.greedy.best(state, 1)[0])
             total += cost
             held += 0.05 * made.problem.inside(state)[0] * (period >= 80)
         return float(total.mean()), float(held.mean())
