@@ -14,9 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.extend import Conditions, Spacecraft, Vec2, Wrench, wrap
-from rans.model.dynamics import mean_thrust, wrench
-from rans.randomization.parameters import EpisodeParameters, examples
+from rans.extend import Conditions, Spacecraft, StepInputs, Vec2, Wrench, wrap
+from rans.randomization.parameters import examples
 from rans_value.problem import PoseProblem
 
 _FLOOR = 3e-4
@@ -80,7 +79,7 @@ class Belief:
 
     def sent(self, command: Tensor) -> None:
         """Expect what commands (N, n) do until the next reading."""
-        thrust = torch.stack(mean_thrust(self.craft, command.double().unbind(dim=1)))
+        thrust = self._problem.mean_thrust(command.double().unbind(dim=1))
         now = self._estimate
         self._estimate = self._later(now, self._thrust, thrust)
         # The motion is of second order in the estimates, so that its slopes are differences.
@@ -95,7 +94,7 @@ class Belief:
         opened = command.unbind(dim=-1)
         waiting, price, discount = self._problem.terms(_designed(state))
         cost = waiting + price * self._problem.burnt(opened)
-        thrust = torch.stack(mean_thrust(self.craft, opened))
+        thrust = self._problem.mean_thrust(opened)
         return self._moved(state, thrust, self._problem.period), cost, discount
 
     def __call__(self, state: Tensor) -> Tensor:
@@ -157,14 +156,14 @@ def _designed(state: Tensor) -> Tensor:
     return torch.cat((state[:2], wrap(state[2:3]), state[3:6], state[-1:]))
 
 
-def drawn_parameters(drawn: EpisodeParameters, craft: Spacecraft, period: float) -> list[Tensor]:
-    """Parameters (m, N) of estimates for what N episodes drew, at the start, and after the last fault."""
+def drawn_parameters(drawn: Any, craft: Spacecraft, period: float) -> list[Tensor]:
+    """Parameters (m, N) of estimates for what N episodes drew (`examples`), at the start and after faults."""
     zero = 0.0 * drawn.number
     late = zero
     if drawn.lag is not None:
         # A thrust that rises linearly acts as one that begins in the middle.
         late = zero + drawn.lag.latency + 0.5 * (zero if drawn.lag.rise is None else drawn.lag.rise)
-    commands = np.eye(craft.thruster_count).tolist()
+    commands = [tuple(row) for row in np.eye(craft.thruster_count).tolist()]
 
     def accelerations(found: Wrench) -> np.ndarray:
         force = found.force.columns()
@@ -176,8 +175,10 @@ def drawn_parameters(drawn: EpisodeParameters, craft: Spacecraft, period: float)
     result = []
     for time in (0.0, math.inf):
         body = drawn.body_at(time)
-        shut = accelerations(wrench(craft, (0.0,) * len(commands), body))
-        effects = [accelerations(wrench(craft, command, body)) - shut for command in commands]
-        rows = (*effects, shut[:2], pushed[:2], shut[2] + pushed[2], late)
+        shut, *open_alone = (
+            accelerations(next(StepInputs(body, (command,)).pieces(craft, period))[1])
+            for command in ((0.0,) * len(commands), *commands)
+        )
+        rows = (*(x - shut for x in open_alone), shut[:2], pushed[:2], shut[2] + pushed[2], late)
         result.append(torch.from_numpy(np.vstack(rows)))
     return result

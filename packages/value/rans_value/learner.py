@@ -24,7 +24,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.extend import (
     TASKS,
@@ -33,7 +32,6 @@ from rans.extend import (
     Algorithm,
     Conditions,
     ConfigError,
-    ContestantName,
     Engine,
     Network,
     PPOSettings,
@@ -43,6 +41,7 @@ from rans.extend import (
     State,
     Timing,
     TrainConfig,
+    contestant,
     fused,
     read_json,
     remember,
@@ -383,7 +382,7 @@ class ValueLearner:
     def _by_any_craft(self) -> tuple[Tensor, Tensor]:
         """States (rows, M) of flights by the agent for any craft, and their costs (M,): each is a bound."""
         engine, problem = self.engine, self.problem
-        run = load_policy(ContestantName.parse(f"any-craft-{problem.dimension}d").own_folder)
+        run = contestant(f"any-craft-{problem.dimension}d")
         run = for_spacecraft(run, engine.craft, engine.timing)
         count = -(-self._own.states // 4)
         states, costs = [], []

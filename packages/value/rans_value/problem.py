@@ -156,9 +156,13 @@ class PoseProblem:
             torch.where(won | lost, 0.0, discount),
         )
 
+    def mean_thrust(self, command: Sequence[Tensor]) -> Tensor:
+        """Shares (n, ...) of their forces that thrusters give in the mean of a period."""
+        return torch.stack(mean_thrust(self.craft, command))
+
     def burnt(self, command: Sequence[Tensor]) -> Tensor:
         """Impulse of a control period as a time of full thrust, s."""
-        mean = mean_thrust(self.craft, command)
+        mean = self.mean_thrust(command)
         weighted = [x * y for x, y in zip(mean, self.thrust, strict=True)]
         return self.period * torch.stack(weighted).sum(dim=0)
 
