@@ -744,6 +744,8 @@ def positively_spans(columns: np.ndarray) -> bool:
     # The factors nearest to one that give zero; for most craft this avoids the import of SciPy (0.3 s).
     if np.all(ones - np.linalg.lstsq(columns, columns @ ones)[0] > 1e-9):
         return True
-    from scipy.optimize import nnls
+    from scipy.optimize import linprog  # `nnls` of SciPy 1.17 gives wrong residuals of such columns
 
-    return bool(nnls(columns, -columns @ ones)[1] < 1e-9)
+    # The least factors from 1 on that give zero.
+    best = linprog(ones, A_eq=columns, b_eq=np.zeros(len(columns)), bounds=(1.0, None))
+    return bool(best.success and np.linalg.norm(columns @ best.x) < 1e-9 * np.linalg.norm(best.x))

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from rans_any_craft.allocated import spare
 from rans_any_craft.authority import Authority, Seen, braking_distance, nearer
-from rans_any_craft.networks import authority, farthest, for_craft, without
+from rans_any_craft.networks import authority, effects, farthest, for_craft, without
 
 import rans
 from rans import ConfigError, Spacecraft, Thruster
@@ -54,6 +55,10 @@ def test_a_far_goal_is_near_in_its_direction():
         assert [found.cosine, *found.sines] == pytest.approx(
             [np.cos(angle), 0.0, 0.6 * np.sin(angle), 0.8 * np.sin(angle)]
         )
+
+
+def test_thrusters_that_push_along_z_alone_are_not_spare():
+    assert spare(effects(load_spacecraft("atmos-orbit-16"), 0.2)) == tuple(range(12))
 
 
 def test_the_speed_at_which_wheels_are_full_by_hand():

@@ -85,16 +85,17 @@ def _thrusters_turn(craft: Spacecraft, torque: np.ndarray) -> bool:
     """Whether open thrusters give a torque in B (1 or 3,) and its opposite, without a force."""
     if not craft.thrusters:
         return False
-    from scipy.optimize import nnls
+    from scipy.optimize import linprog
 
     columns = craft.wrenches.T
     size = np.abs(columns).max(axis=1)
     size[size == 0.0] = 1.0
-    unit_torque = (
-        np.concatenate([np.zeros(craft.dimension), torque / np.linalg.norm(torque)]) / size
-    )
+    wanted = np.concatenate([np.zeros(craft.dimension), torque]) / size
+    wanted = wanted / np.linalg.norm(wanted)
+    nothing = np.zeros(columns.shape[1])
     scaled = columns / size[:, None]
+    rounding = {"primal_feasibility_tolerance": 1e-6}
     return all(
-        nnls(scaled, sign * unit_torque)[1] <= 1e-6 * np.linalg.norm(unit_torque)
+        linprog(nothing, A_eq=scaled, b_eq=sign * wanted, options=rounding).success
         for sign in (1.0, -1.0)
     )
