@@ -18,6 +18,7 @@ import stat
 import subprocess
 import sys
 import time
+import warnings
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextvars import ContextVar
@@ -27,7 +28,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rans import system
-from rans.errors import ConfigError, meant_file
+from rans.errors import ConfigError, RansWarning, meant_file
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can affect measurements."""
@@ -311,9 +312,52 @@ def write_text(file: Path, text: str) -> None:
     replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace", "\n"))
 
 
-def write_json(file: Path, value: Any) -> None:
-    """`replace_file` for JSON; numbers that are not finite become texts (`plain`)."""
+def write_json(file: Path, value: Any, beside: Iterable[str] = ()) -> None:
+    """`replace_file` for JSON; numbers that are not finite become texts (`plain`).
+
+    Results that name their command replace those of the same command only: others are `set_aside`.
+
+    Args:
+        file: file to write.
+        value: its content.
+        beside: see `set_aside`.
+    """
+    command = _command(value)
+    if command and file.is_file() and not file.is_symlink():
+        before = command
+        with contextlib.suppress(ConfigError):  # damaged
+            before = _command(read_json(file))
+        if before != command:
+            set_aside(file, beside)
     write_text(file, json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
+
+
+def set_aside(file: Path, beside: Iterable[str] = ()) -> None:
+    """Move results that others will replace to earlier/THEIR TIME beside them, with a warning.
+
+    Args:
+        file: their file; those whose names differ from its in the ending alone move too.
+        beside: names of further files and folders beside it.
+
+    Raises:
+        ConfigError: the folder is a symbolic link, or cannot be written.
+    """
+    made = datetime.fromtimestamp(file.stat().st_mtime)
+    folder = inside(file.parent, "earlier", f"{made:%Y-%m-%d-%H%M%S}")
+    _make_folder(folder)
+    names = {other.name for other in file.parent.glob(f"{glob.escape(file.stem)}.*")}
+    for name in names.union(beside):
+        if (source := file.parent / name).exists():
+            source.replace(folder / name)
+    said = f"{file} was of another command; its results are now in {folder}."
+    warnings.warn(said, RansWarning, stacklevel=2)
+
+
+def _command(results: Any) -> str:
+    """The command that results name as their maker; empty: none."""
+    parts = (results, results.get("about")) if isinstance(results, dict) else ()
+    commands = [part.get("command") for part in parts if isinstance(part, dict)]
+    return next((command for command in commands if isinstance(command, str)), "")
 
 
 def plain(value: Any) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rans import ConfigError, files
+from rans import ConfigError, RansWarning, files
 from rans.files import (
     append_text,
     distinct,
@@ -213,6 +213,21 @@ def test_json_has_texts_for_what_is_not_finite(tmp_path):
     assert [number(x) for x in read["a"]] == [far, -far, 1.5]
     assert number(read["e"]) == far
     assert math.isnan(number(read["b"][0]["c"]))
+
+
+def test_results_of_another_command_are_kept(tmp_path):
+    file = tmp_path / "compare.json"
+    for name in ("compare.html", "compare-bounds.json", "episodes.npz"):
+        (tmp_path / name).touch()
+    for value in ({"command": "first"}, {"about": {"command": "first"}, "again": True}):
+        write_json(file, value)
+    with pytest.warns(RansWarning, match="earlier"):
+        write_json(file, {"command": "second"}, beside=["episodes.npz", "none"])
+    [kept] = (tmp_path / "earlier").iterdir()
+    assert read_json(kept / "compare.json")["again"]
+    assert {one.name for one in kept.iterdir()} == {"compare.html", "compare.json", "episodes.npz"}
+    file.write_text("damaged")
+    write_json(file, {"command": "third"})
 
 
 def test_json_lines(tmp_path):

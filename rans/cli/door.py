@@ -29,6 +29,7 @@ from typing_extensions import Doc
 from tyro.conf import Positional, arg
 
 from rans.cli.options import Trust, option_name
+from rans.files import command_line
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
@@ -69,6 +70,7 @@ class Options:
 
         def __getattr__(self, name: str) -> Any: ...
 
+    command_line = staticmethod(command_line)
     texts: ClassVar[dict[str, str]] = {}
     """Texts of the options that are arguments of the function."""
     function: ClassVar[Callable[..., Any]]

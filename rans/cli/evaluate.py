@@ -18,7 +18,6 @@ from rans.files import (
     command_line,
     distinct,
     inside,
-    read_json,
     ready_folder,
     write_json,
 )
@@ -125,8 +124,8 @@ class Evaluate(Options):
         ):
             Terminal().say(text)
         flight = next(iter(flights.values()))
-        written = self._write_files(file, flight)
         self._write(file, run, results, [*measured.values()], flight)
+        written = self._write_files(file, flight)
         Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
         return passed
 
@@ -154,10 +153,10 @@ class Evaluate(Options):
         from rans.show.pages.report import evaluation_page
 
         suffix = _suffix(file)
-        if self.engine != "both" and _is_of_both(file):
-            Terminal().say(f"This replaces the comparison of both engines in {file}.")
         made = about(str(self.agent), run.judged, "rans.evaluate")
-        write_json(file, results | {"conditions": self._conditions(run), "about": made})
+        beside = [f"episodes{suffix}.npz", f"episode{suffix}.svg"]
+        beside += [f"{name}{suffix}" for name in FLIGHT_FILES]
+        write_json(file, results | {"conditions": self._conditions(run), "about": made}, beside)
         save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
         page = evaluation_page(measured, flight, command_line())
         page.write(inside(file.parent, f"evaluation{suffix}.html"))
@@ -229,11 +228,3 @@ class Evaluate(Options):
 def _suffix(file: Path) -> str:
     """What stands behind "evaluation" in the name of a file of results."""
     return file.stem.removeprefix("evaluation")
-
-
-def _is_of_both(file: Path) -> bool:
-    """Whether a file of results compares both engines; one that is damaged is replaced like any other."""
-    try:
-        return "both" in read_json(file)
-    except (ConfigError, TypeError):
-        return False

@@ -50,7 +50,8 @@ def transfers(command: Any, craft: Spacecraft, task: Task) -> int:
     starts = scenarios(mission, craft, EVALUATION_SEED, command.episodes)
     found = command.with_progress("bounds", lambda step: least(craft, mission, starts, step))
     Terminal().table(found.table(f"least impulse: {command.task} with {craft.name}{until}"))
-    write_json(folder / "optimal.json", found.to_json())
+    about = {"command": command.command_line()}
+    write_json(folder / "optimal.json", about | found.to_json())
     lost = int((~np.isfinite(found.upper)).sum())
     Terminal().say(
         f"{len(found.upper) - lost} of {len(found.upper)} solved and flown in both engines. Written to "
@@ -83,6 +84,7 @@ def landings(command: Any, craft: Spacecraft, task: Task) -> int:
     Terminal().table(landing_table(title, answers))
     # Files, and how many are solved.
     about = {
+        "command": command.command_line(),
         "task": command.task,
         "spacecraft": craft.name,
         "ending": command.ending or "set",

@@ -122,6 +122,7 @@ class Optimal(Options):
         if self.certify:
             certificates().check(craft, task, _CONTROL_PERIOD)
         about: dict[str, Any] = {
+            "command": self.command_line(),
             "task": self.task,
             "spacecraft": craft.name,
             "objective": objective.name,

@@ -46,6 +46,7 @@ class Follow(Options):
         found = follow(self.agent, episodes=self.episodes, seed=EVALUATION_SEED)
         console = Terminal()
         console.table(found.table(console.width))
-        write_json(file, {found.engine: found.to_json(), "seed": EVALUATION_SEED})
+        about = {"command": self.command_line(), "seed": EVALUATION_SEED}
+        write_json(file, {found.engine: found.to_json()} | about)
         console.say(f"Written to {file}.")
         return 0

@@ -62,11 +62,11 @@ class StressReport:
 
     def write(self) -> None:
         """Write stress.json and a file of conditions for every scenario."""
+        write_json(self.folder / "stress.json", self.to_json())
         for level in self.stress.levels:
             if self._file(level):
                 text = f"# {level.name}: see stress.json\n{conditions_text(level.conditions)}"
                 write_text(inside(self.folder, "stress") / f"{level.name}.toml", text)
-        write_json(self.folder / "stress.json", self.to_json())
 
     def title(self) -> str:
         """Title of the report: tasks, spacecraft and contestants."""

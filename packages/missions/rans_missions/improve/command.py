@@ -26,6 +26,7 @@ from rans.extend import (
     whole,
     word,
 )
+from rans.files import set_aside
 
 if TYPE_CHECKING:
     from rans_missions.improve.search import Improved
@@ -96,6 +97,8 @@ def improve(
     with progress() as bars:
         step = stages(bars)("search", rounds)
         found = search.improve(setup, starts, seeds, rounds, report=lambda *_: step(1))
+    if file.exists() and str(output) not in contestants:
+        set_aside(file)
     found.write(file)
     return found
 
