@@ -45,6 +45,7 @@ if TYPE_CHECKING:
     from rans.errors import NonFiniteState as NonFiniteState
     from rans.errors import SolverFailed as SolverFailed
     from rans.errors import brief as brief
+    from rans.errors import checked as checked
     from rans.errors import counted as counted
     from rans.errors import is_finite as is_finite
     from rans.errors import is_installed as is_installed
@@ -104,6 +105,7 @@ if TYPE_CHECKING:
     from rans.flight import Flight as Flight
     from rans.flight import fly as fly
     from rans.flight_statistics import FlightStatistics as FlightStatistics
+    from rans.model import fields as fields
     from rans.model.actuators import ON_OFF as ON_OFF
     from rans.model.actuators import Throttle as Throttle
     from rans.model.body import Body as Body
@@ -114,7 +116,6 @@ if TYPE_CHECKING:
     from rans.model.drift import AnyVector as AnyVector
     from rans.model.drift import ClohessyWiltshire as ClohessyWiltshire
     from rans.model.drift import Drift as Drift
-    from rans.model.drift import UniformGravity as UniformGravity
     from rans.model.drift import cosine as cosine
     from rans.model.drift import sine as sine
     from rans.model.drift import step_goal as step_goal
@@ -237,7 +238,6 @@ if TYPE_CHECKING:
     from rans.tasks.rewards import speed as speed
     from rans.tasks.shapes import Ball as Ball
     from rans.tasks.shapes import Cone as Cone
-    from rans.tasks.shapes import GlideSlope as GlideSlope
     from rans.tasks.shapes import Shape as Shape
     from rans.tasks.shapes import SpeedLimit as SpeedLimit
     from rans.terminal import Terminal as Terminal

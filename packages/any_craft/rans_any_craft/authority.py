@@ -24,12 +24,12 @@ from rans.extend import (
     absolute,
     at_least,
     cos,
+    fields,
     sin,
     sqrt,
     where,
     within,
 )
-from rans.model import fields
 from rans.tasks.observation_terms import OwnRotation
 from rans_any_craft.frugality import AS_TRAINED, NEAR, Frugality
 

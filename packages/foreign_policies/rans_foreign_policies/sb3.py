@@ -13,8 +13,7 @@ from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvO
 from torch import Tensor
 
 from rans.environment import within
-from rans.errors import checked
-from rans.extend import ConfigError, Engine, action_space, brief, observation_space
+from rans.extend import ConfigError, Engine, action_space, brief, checked, observation_space
 from rans.fast.envs.actions import Actions
 from rans.settled import settled
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from rans.extend import ACTIVATIONS, Field, absolute, at_least, where
-from rans.model import fields
+from rans.extend import ACTIVATIONS, Field, absolute, at_least, fields, where
 
 WITH_SLOPE = tuple(name for name, activation in ACTIVATIONS.items() if activation.slope is not None)
 """Activations between layers whose gradients need no autograd."""

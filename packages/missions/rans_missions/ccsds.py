@@ -19,12 +19,13 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans import RansWarning
-from rans.errors import checked, one_line
+from rans.errors import one_line
 from rans.extend import (
     ClohessyWiltshire,
     ConfigError,
     Flight,
     brief,
+    checked,
     counted,
     read_text,
     write_text,

@@ -13,7 +13,6 @@ from rans.extend import (
     Dimension,
     Drift,
     Field,
-    GlideSlope,
     Information,
     InformationInW,
     ObservationTerm,
@@ -24,13 +23,14 @@ from rans.extend import (
     State,
     Timing,
     Transition,
-    UniformGravity,
     Vec3,
     VectorInW,
     cos,
     sin,
     where,
 )
+from rans.model.drift import UniformGravity
+from rans.tasks.shapes import GlideSlope
 from rans_missions.guidance.descent import DescentLaw
 
 _EMPTY = 1e-3
