@@ -343,12 +343,12 @@ def set_aside(file: Path, beside: Iterable[str] = ()) -> None:
         ConfigError: the folder is a symbolic link, or cannot be written.
     """
     made = datetime.fromtimestamp(file.stat().st_mtime)
-    folder = inside(file.parent, "earlier", f"{made:%Y-%m-%d-%H%M%S}")
+    folder = inside(file.parent, "earlier", f"{made:%Y-%m-%d-%H%M%S.%f}")
     _make_folder(folder)
     names = {other.name for other in file.parent.glob(f"{glob.escape(file.stem)}.*")}
     for name in names.union(beside):
-        if (source := file.parent / name).exists():
-            source.replace(folder / name)
+        with contextlib.suppress(FileNotFoundError):  # another process was faster
+            (file.parent / name).replace(folder / name)
     said = f"{file} was of another command; its results are now in {folder}."
     warnings.warn(said, RansWarning, stacklevel=2)
 

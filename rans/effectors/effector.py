@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -97,16 +97,6 @@ class Push:
     momentum: tuple[Any, Any] | None = None
     """Angular momentum of wheels inside the craft in B, N m s, at the start, and its change until the end; vectors
     in space, scalars about z in the plane. None: no wheels."""
-
-    def with_torque(self, torque: Any) -> Push:
-        """The part with an additional constant torque in B, N m, which grows as the part's own wrench does."""
-        begins, ends = (torque, torque) if self.turning is None else self.turning.line(torque)
-        last = self.last
-        return replace(
-            self,
-            first=replace(self.first, torque=self.first.torque + begins),
-            last=last if last is None else replace(last, torque=last.torque + ends),
-        )
 
 
 class Begun(NamedTuple):

@@ -59,9 +59,9 @@ class _Turning(Action):
             amount = self._share * torquer.torque
             planar = not isinstance(push.first.torque, Vec3)
             x, y, z = torquer.axis
-            yield push.with_torque(
-                amount * z if planar else Vec3(amount * x, amount * y, amount * z)
-            )
+            # Without propellant, which would make it grow.
+            turn = amount * z if planar else Vec3(amount * x, amount * y, amount * z)
+            yield replace(push, first=replace(push.first, torque=push.first.torque + turn))
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         return (self._charge - absolute(self._share) * time,)

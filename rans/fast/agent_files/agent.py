@@ -55,11 +55,9 @@ class SavedPolicy(NamedTuple):
     """Content of an agent file."""
 
     network: Network
-    """Network, on the CPU."""
+    """Network, on the CPU; its critic is zero where the file has none, and training cannot continue."""
     steps: int
     """Environment steps of the training."""
-    has_critic: bool = True
-    """Whether the file has the critic; without it that of the network is zero, and training cannot continue."""
 
 
 def agent_bytes(architecture: Architecture, tensors: Mapping[str, Tensor], steps: int) -> bytes:
@@ -173,12 +171,11 @@ def _read(table: dict[str, Any]) -> SavedPolicy:
     architecture = _architecture(table["architecture"])
     weights = table["weights"]
     steps = int(table["steps"])
-    if not any(name.startswith(_CRITIC) for name in weights):
-        network = _network(architecture, weights, False)
-        if "at" in table:
-            network.at = _further(architecture, table["at"])
-        return SavedPolicy(network, steps, has_critic=False)
-    return SavedPolicy(_network(architecture, weights), steps)
+    has_critic = any(name.startswith(_CRITIC) for name in weights)
+    network = _network(architecture, weights, has_critic)
+    if "at" in table and not has_critic:
+        network.at = _further(architecture, table["at"])
+    return SavedPolicy(network, steps)
 
 
 def _further(
