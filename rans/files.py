@@ -312,19 +312,17 @@ def write_text(file: Path, text: str) -> None:
     replace_file(file, lambda draft: draft.write_text(text, "utf-8", "backslashreplace", "\n"))
 
 
-def write_json(file: Path, value: Any, beside: Iterable[str] = ()) -> None:
+def write_json(file: Path, value: Any, beside: Iterable[str] | None = None) -> None:
     """`replace_file` for JSON; numbers that are not finite become texts (`plain`).
-
-    Results that name their command replace those of the same command only: others are `set_aside`.
 
     Args:
         file: file to write.
         value: its content.
-        beside: see `set_aside`.
+        beside: of results, which replace those of the same command only: others are `set_aside`, with these.
+            None: the file always replaces the one before.
     """
-    command = _command(value)
-    if command and file.is_file() and not file.is_symlink():
-        before = command
+    if beside is not None and file.is_file() and not file.is_symlink():
+        command = before = _command(value)
         with contextlib.suppress(ConfigError):  # damaged
             before = _command(read_json(file))
         if before != command:

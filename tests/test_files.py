@@ -220,14 +220,14 @@ def test_results_of_another_command_are_kept(tmp_path):
     for name in ("compare.html", "compare-bounds.json", "episodes.npz"):
         (tmp_path / name).touch()
     for value in ({"command": "first"}, {"about": {"command": "first"}, "again": True}):
-        write_json(file, value)
+        write_json(file, value, beside=())
     with pytest.warns(RansWarning, match="earlier"):
         write_json(file, {"command": "second"}, beside=["episodes.npz", "none"])
     [kept] = (tmp_path / "earlier").iterdir()
     assert read_json(kept / "compare.json")["again"]
     assert {one.name for one in kept.iterdir()} == {"compare.html", "compare.json", "episodes.npz"}
     file.write_text("damaged")
-    write_json(file, {"command": "third"})
+    write_json(file, {"command": "third"}, beside=())
 
 
 def test_json_lines(tmp_path):

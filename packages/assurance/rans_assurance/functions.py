@@ -189,7 +189,7 @@ def assure(
 
     def save() -> None:
         if file is not None and assurance.campaign.flights:
-            write_json(file, assurance.to_json())
+            write_json(file, assurance.to_json(), beside=())
 
     def end() -> None:
         """Write and show what was flown so far, also after an interrupt."""

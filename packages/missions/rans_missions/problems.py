@@ -51,7 +51,7 @@ def transfers(command: Any, craft: Spacecraft, task: Task) -> int:
     found = command.with_progress("bounds", lambda step: least(craft, mission, starts, step))
     Terminal().table(found.table(f"least impulse: {command.task} with {craft.name}{until}"))
     about = {"command": command.command_line()}
-    write_json(folder / "optimal.json", about | found.to_json())
+    write_json(folder / "optimal.json", about | found.to_json(), beside=())
     lost = int((~np.isfinite(found.upper)).sum())
     Terminal().say(
         f"{len(found.upper) - lost} of {len(found.upper)} solved and flown in both engines. Written to "
@@ -92,7 +92,7 @@ def landings(command: Any, craft: Spacecraft, task: Task) -> int:
         "environment": environment(),
         "starts": [answer.to_json() for answer in answers],
     }
-    write_json(folder / "optimal.json", about)
+    write_json(folder / "optimal.json", about, beside=())
     lost = sum(not answer.good for answer in answers)
     Terminal().say(
         f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "

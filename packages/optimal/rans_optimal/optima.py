@@ -293,7 +293,7 @@ def write(
     """
     paths = [answer.trajectory for answer in answers]
     rows = {"starts": [answer.to_json() for answer in answers]} if answers else {}
-    write_json(folder / "optimal.json", {**about, "environment": environment(), **rows})
+    write_json(folder / "optimal.json", {**about, "environment": environment(), **rows}, beside=())
     if not answers:
         return
     # Rows of trajectories that were not solved are NaN.

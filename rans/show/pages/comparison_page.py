@@ -100,7 +100,7 @@ def write(
     """
     numbers = folder / "compare.json"
     result = _headline(comparison) | tables.to_json(comparison, TEXT)
-    write_json(numbers, result | {"about": about})
+    write_json(numbers, result | {"about": about}, beside=())
     comparison.files = [numbers]
     if not is_over:
         return

@@ -47,6 +47,6 @@ class Follow(Options):
         console = Terminal()
         console.table(found.table(console.width))
         about = {"command": self.command_line(), "seed": EVALUATION_SEED}
-        write_json(file, {found.engine: found.to_json()} | about)
+        write_json(file, {found.engine: found.to_json()} | about, beside=())
         console.say(f"Written to {file}.")
         return 0
