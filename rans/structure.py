@@ -9,7 +9,7 @@ import inspect
 import re
 import tomllib
 import unicodedata
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import Field, fields, is_dataclass
 from functools import cache, partial
 from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
@@ -196,13 +196,15 @@ def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, An
     of = list[get_args(kind)[0]]  # pyrefly: ignore[invalid-annotation]
     size = None if ... in get_args(kind) else len(get_args(kind))
     usual = converter.get_structure_hook(of)
+    wanted = "a list, such as [0.5, 4.5]"
+    if get_args(kind) == (float,) * 3:
+        wanted = "a vector of three numbers, such as [1.0, 0.0, 0.0]"
 
     def hook(value: Any, _: Any) -> Any:
         """A list of a file as a tuple of ``size`` values of the type, or a `ConfigError`."""
-        if isinstance(value, str | Mapping):
-            raise ConfigError(
-                f"must be a list, such as [0.5, 4.5], with texts and keys in double quotes, got {brief(value)}"
-            )
+        if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
+            quoted = ", with texts and keys in double quotes" * isinstance(value, str)
+            raise ConfigError(f"must be {wanted}{quoted}, got {brief(value)}")
         result = tuple(usual(value, of))
         if size not in (None, len(result)):
             raise ConfigError(f"must be a list of {size} values, got {brief(value)}")

@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -244,15 +245,25 @@ def _parse(arguments: list[str]) -> Any:
     asks_help = not {"-h", "--help"}.isdisjoint(words)
     if asks_help:
         print_above(command)
+    parse = partial(
+        tyro.cli,
+        command,
+        args=words,
+        prog=f"rans {name}",
+        description="",
+        config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
+        registry=registry(),
+    )
     try:
-        return tyro.cli(
-            command,
-            args=words,
-            prog=f"rans {name}",
-            description="",
-            config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
-            registry=registry(),
-        )
+        parsed, further = parse(return_unknown_args=True)
+        if further and not further[0].startswith("-"):
+            before = words[: words.index(further[0])]
+            option = next((word for word in reversed(before) if word.startswith("-")), name)
+            raise ConfigError(
+                f"there is no place for {brief(further[0])}: {option} takes no further value in one command "
+                f"(rans {name} --help)."
+            )
+        return parse() if further else parsed
     finally:
         if asks_help:
             print_below(command)

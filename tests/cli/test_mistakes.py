@@ -23,7 +23,7 @@ from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
         ("evaluate x --episods 9", "--episodes"),
         ("export x --onnx", "Unrecognized options: --onnx"),
         ("train go-to-pose --quality god", "Expected one of"),
-        ("train go-to-pose dock", "Unrecognized options: dock"),
+        ("train go-to-pose dock", "no place for 'dock': train takes"),
         ("evaluat runs/x", "did you mean evaluate?"),
         ("--train", "did you mean train?"),
         ("train --resume . --total-timesteps many", "1e6"),

@@ -42,7 +42,7 @@ def scope(setup: Setup, begun: Scenario) -> list[tuple[str, str]]:
     count = counted(len(_size(begun.start.v)), "start")
     return [
         ("requirement", requirement(setup)),
-        *(("a flight also fails", text) for text in _fails(setup.task)),
+        *(("a flight also fails", text) for text in _fails(setup)),
         ("length of a flight", length),
         ("starts", f"{starts(setup.task, begun)} (of {count})"),
         *([("safety filter", type(setup.guard).__name__)] if setup.guard else []),
@@ -105,12 +105,14 @@ def conditions_texts(conditions: Conditions) -> Iterator[str]:
         yield from texts
 
 
-def _fails(task: Task) -> Iterator[str]:
+def _fails(setup: Setup) -> Iterator[str]:
     """Bounds beyond which the task declares a flight failed, by its settings."""
+    task = setup.task
     texts = meanings(type(task))
+    elsewhere = " in space " if setup.craft.dimension == 2 else " in the plane "
     for setting in fields(task):  # type: ignore[arg-type]
         text = texts.get(setting.name, "")
-        if setting.name.startswith("fail_") and text:
+        if setting.name.startswith("fail_") and text and elsewhere not in text:
             what = re.split(r"[.;] | \(|\.$", text)[0]
             yield f"{what[:1].lower()}{what[1:]}: {_number(getattr(task, setting.name))}"
 

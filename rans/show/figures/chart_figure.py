@@ -86,7 +86,11 @@ def _draw(axes: Axes, chart: Chart) -> None:
     if chart.y_range is not None:
         low, high = chart.y_range
         axes.set_ylim(low - 0.02 * (high - low), high + 0.02 * (high - low))
-    label(axes, "", legible(chart.x_label), legible(chart.y_label))
+    texts = (
+        f"{text} (logarithmic)" if name in chart.logarithmic else text
+        for name, text in (("x", chart.x_label), ("y", chart.y_label))
+    )
+    label(axes, "", *map(legible, texts))
 
 
 def _logarithmic(axes: Axes, axis: Axis) -> None:

@@ -65,10 +65,11 @@ def _section(value: Any) -> Section:
     module = sys.modules.get("rans.evaluation.compare.run")
     if module is None or not isinstance(value, module.Comparison):
         raise TypeError(f"notebooks show no {type(value).__name__}")
-    from rans.show.tables.comparison_tables import score_table
+    from rans.show.tables.comparison_tables import score_table, verdict
 
     table = replace(score_table(value), title=value.contest.title())
-    return Section("Comparison", tables=[table], failures=value.failures, notes=value.notes)
+    said = " ".join(verdict(value))
+    return Section("Comparison", said, [table], failures=value.failures, notes=value.notes)
 
 
 def _said(text: str) -> str:

@@ -180,7 +180,8 @@ def short_table(comparison: Comparison) -> Table:
                 *(None if values.get(key) is None else figure(values[key]) for key in chosen),
             )
         )
-    return Table(("contestant", *chosen), rows, comparison.contest.title(), right=chosen)
+    note = "Relaxed: thrusters may open partly, and the future is known." * bool(comparison.relaxed)
+    return Table(("contestant", *chosen), rows, comparison.contest.title(), note, right=chosen)
 
 
 def best_returns(comparison: Comparison) -> np.ndarray | None:

@@ -93,7 +93,8 @@ class StressReport:
         """Notes on the contestants: tuned settings, fewer episodes, stopped solvers."""
         if self.is_partial:
             yield (
-                f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others are left out."
+                f"Interrupted after {self.flown()} of {self._planned()} scenarios: the others, and those that "
+                "were not flown to the end, are left out."
             )
         least = min(map(self.stress.episodes, self.stress.contestants.values()))
         if 1.0 / least > 1.0 - WANTED:  # one episode alone is more than may be lost

@@ -23,6 +23,7 @@ from rans.extend import (
     Estimate,
     Stages,
     Workers,
+    counted,
     draws,
     first_line,
     fly_draws,
@@ -111,7 +112,8 @@ class Stress:
             workers: processes, by default one per processor; 1: this one.
         """
         total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
-        progress = stages(f"{len(self.levels)} scenarios", total)
+        episodes = counted(self.contest.episodes, "episode")
+        progress = stages(f"{len(self.levels)} scenarios of {episodes}", total)
         contestants = list(self.contestants.values())
         # Level by level, so that the first results are of all contestants.
         jobs = [
