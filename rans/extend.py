@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rans.effectors.effector import Begun as Begun
     from rans.effectors.effector import Effector as Effector
     from rans.effectors.effector import JointMotion as JointMotion
+    from rans.environment import observation_space as observation_space
     from rans.episode import Command as Command
     from rans.episode import Guard as Guard
     from rans.episode import Mover as Mover

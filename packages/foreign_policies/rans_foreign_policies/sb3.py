@@ -12,8 +12,8 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 from torch import Tensor
 
-from rans.environment import observation_space, within
-from rans.extend import ConfigError, Engine, action_space, brief, checked
+from rans.environment import within
+from rans.extend import ConfigError, Engine, action_space, brief, checked, observation_space
 from rans.fast.envs.actions import Actions
 from rans.settled import settled
 
