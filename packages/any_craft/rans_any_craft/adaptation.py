@@ -238,7 +238,10 @@ class Adaptation(NamedTuple):
         return rows.computed(lambda n, *x: [a / at_least(n, 1.0) for a in x], [number, *effects])
 
     def _squares(self, rows: Rows[Row], command: Row) -> Row:
-        """Sum of the squared changes of the twist by every effector that works, (N, d)."""
+        """Sum over all effectors of the squared change of the twist by each, (N, d), for a command (N, effectors).
+
+        Where thrusters share a supply, changes are divided by the number of open ones.
+        """
         (square,) = rows.computed(lambda u: [u * u], [command])
         squares = rows.product(square, np.square(self.effects))
         if not self.is_shared:

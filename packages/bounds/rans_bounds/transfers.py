@@ -28,11 +28,11 @@ from rans.extend import (
 )
 from rans_bounds import hull
 from rans_bounds.first_starts import certified_bounds
+from rans_bounds.goal_set import goal_set
 from rans_bounds.problem import SearchEffort
 from rans_bounds.starts import (
     bound,
     bounds_in_parallel,
-    goal_set,
     no_certificate,
     question,
     staying_set,

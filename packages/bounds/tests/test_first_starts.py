@@ -11,7 +11,8 @@ from typing import Any
 import pytest
 from rans_bounds import first_starts, transfers
 from rans_bounds.first_starts import certified_bounds
-from rans_bounds.starts import Question, goal_set, staying_set
+from rans_bounds.goal_set import goal_set
+from rans_bounds.starts import Question, staying_set
 
 from rans import ConfigError, GoToPose, Timing
 from rans.evaluation.compare.bounds import Bound, Event

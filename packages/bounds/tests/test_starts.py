@@ -9,14 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_bounds.goal_set import GoalSet
+from rans_bounds.goal_set import goal_set
 from rans_bounds.hull import staying_time
 from rans_bounds.problem import SearchEffort, Unreachable
 from rans_bounds.starts import (
     Question,
     bound,
     bounds_in_parallel,
-    goal_set,
     no_certificate,
     no_tube,
     question,
@@ -26,14 +25,12 @@ from rans_bounds.transfers import bounds_table
 
 from rans import ConfigError
 from rans.evaluation.compare.bounds import Bound, Event
-from rans.model.fields import Heading, Vec2, absolute, sin
+from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, each, scenarios
-from rans.tasks import GoToPose, GoToPosition, Task, TrackTwist, TrackVelocity
+from rans.tasks import GoToPose, GoToPosition, Task
 from rans.tasks.goal_set import aims
-from rans.tasks.shapes import Ball
-from rans.verdict import Failure, kinds_of_failure
 from tests.support import plugins
 
 plugins.register()
@@ -215,62 +212,6 @@ def test_a_missing_package_proves_nothing(monkeypatch):
     for horizon in (None, 10.0):
         with pytest.raises(ConfigError, match="install numba"):
             list(bounds_in_parallel([one_start(horizon=horizon)], [0], 1))
-
-
-def test_goal_set_of_a_task():
-    """Tolerances of the task, rest (5 cm/s, 5 degrees/s) beside a place, nothing for what is left open."""
-    degrees = math.radians(5.0)
-    assert goal_set(GoToPose()) == GoalSet(0.05, 0.05, degrees, degrees)
-    tracked = TrackVelocity()
-    assert goal_set(tracked) == GoalSet(0.0, tracked.tolerances()["velocity"], 0.0, degrees)
-
-
-class OnALine(GoToPose):
-    """Reached wherever y is that of the goal."""
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
-        """See the base."""
-        return super().errors(state, goal) | {"position": absolute(goal.p.y - state.p.y)}
-
-
-class EitherEnd(GoToPose):
-    """Reached with the nose at the goal or away from it."""
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
-        """See the base."""
-        angle = state.attitude.to(goal.attitude).magnitude()
-        return super().errors(state, goal) | {"attitude": absolute(sin(angle))}
-
-
-class RollsFreely(TrackTwist):
-    """Tracked whatever the spin about the craft's first axis is."""
-
-    dimensions = (3,)
-
-    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
-        """See the base."""
-        return super().errors(state, goal) | {"spin": absolute(state.w.z - goal.w.z)}
-
-
-class BesideAWall(GoToPose):
-    """With a constraint."""
-
-    def limits(self, goal: Any) -> dict[str, Any]:
-        """A ball to keep out of."""
-        return {"wall": Ball(goal.p, goal.v, 0.1)}
-
-
-def test_what_leaves_a_direction_free_or_has_limits_is_not_bounded():
-    """Bounds for the whole pose would be beaten by its flights, and those without limits say too little."""
-    for free, quantity in ((OnALine, "position"), (EitherEnd, "attitude"), (RollsFreely, "spin")):
-        with pytest.raises(
-            ConfigError, match=f"{free.__name__} counts as .* tolerance of {quantity}"
-        ):
-            goal_set(free())
-    with pytest.raises(ConfigError, match="without constraints, and BesideAWall has some"):
-        goal_set(BesideAWall())
-    assert Failure.VIOLATED in kinds_of_failure(BesideAWall())
-    assert Failure.VIOLATED not in kinds_of_failure(OnALine())
 
 
 def test_least_time_is_searched_beyond_that_of_a_slow_craft(monkeypatch):

@@ -104,7 +104,7 @@ class CompiledProgram:
         return compiled((POINTER, LONG, LONG), *map(self._writer, range(len(self.parts))))
 
     def _writer(self, part: int) -> Callable[..., None]:
-        """What prints the function of a part."""
+        """Prints the body of the function of a part, by its index: reads its inputs, and writes its symbols."""
         wanted = dict.fromkeys(s for s in self._order(part) if self.places.get(s, 0) < 0)
 
         def write(code: Code, rows: Value, length: Value, vectors: Value) -> None:

@@ -142,7 +142,7 @@ def settings_listing(settings: Any, prefix: str = "", title: str = "Settings") -
 
 
 def _settings(settings: Any, prefix: str) -> Iterator[tuple[str, str, str]]:
-    """Rows of a listing of settings; those of the tasks within a multi-task are left out."""
+    """Key, value and meaning of each setting; keys follow the prefix, tasks within a multi-task are left out."""
     texts = meanings(type(settings))
     for setting_field in dataclasses.fields(settings):
         value = getattr(settings, setting_field.name)

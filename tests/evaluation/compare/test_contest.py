@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rans_bounds.starts import goal_set
+from rans_bounds.goal_set import goal_set
 
 from rans import LQR, ConfigError, GoToPose, Timing
 from rans.evaluation.compare.bounds import Amounts, Event

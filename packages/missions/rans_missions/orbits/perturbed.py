@@ -69,11 +69,11 @@ class PerturbedOrbit(UnevenOrbit):
 
     @classmethod
     def around_earth(
-        cls, mean_motion: float, inclination: float, drag: float = 0.0, latitude: Field = 0.0
+        cls, mean_motion: float, inclination: float, drag: float = 0.0, angle: Field = 0.0
     ) -> PerturbedOrbit:
-        """The orbit around the oblate Earth with a mean motion, rad/s, and an inclination, rad."""
+        """The orbit around the oblate Earth; arguments are the fields of these names, in SI units."""
         square = (EARTH_RADIUS / math.cbrt(EARTH / mean_motion**2)) ** 2
-        return cls(mean_motion, 1.5 * J2 * square, inclination, drag, latitude)
+        return cls(mean_motion, 1.5 * J2 * square, inclination, drag, angle)
 
     @property
     def latitude_rate(self) -> float:

@@ -249,21 +249,19 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
     near = min(solvers, key=_Solver.evidence)
     near.solve()
     if near.values[latency] <= 0.0:
-        _check_order(near, craft, logs, short)
+        _check_order(near)
     fitted = _Solver(craft, logs, first, near.values, near.noise).fit()
     return fitted if window is not None else _longest(fitted)
 
 
-def _check_order(
-    near: _Solver, craft: Spacecraft, logs: Sequence[FlightLog], window: float
-) -> None:
-    """Refuse (`ConfigError`) commands that act before they are: a force has no latency below 0.
+def _check_order(near: _Solver) -> None:
+    """Refuse (`ConfigError`) a solved fit without latency whose logs fit better with commands a period earlier.
 
-    Where the latency ends at its bound, a fit with all commands a control period earlier decides, over windows of
-    the same length, s.
+    No force acts before its command: such logs have each command one control period late.
     """
+    logs = near.logs
     early = [replace(log, command_times=log.command_times - log.period) for log in logs]
-    solver = _Solver(craft, early, window, near.values)
+    solver = _Solver(near.craft, early, near.window, near.values)
     solver.solve()
     if near.evidence() - solver.evidence() > UNLIKELY**2:
         raise ConfigError(
