@@ -91,7 +91,7 @@ class Assurances:
         file.parent.mkdir(parents=True, exist_ok=True)
         assurance.fly("cuda" if torch.cuda.is_available() else "cpu")
         if self.replay:
-            assurance.replay(_WORST, _WORST)
+            assurance.replay(_WORST)
         write_json(file, assurance.to_json())
 
 

@@ -200,15 +200,13 @@ def assure(
     with writing_at_end(end), watched(save) as stage:
         assurance.fly(processor, stage)
         stage("failed flights again", None)
-        assurance.replay(again, again)
+        assurance.replay(again)
     return assurance
 
 
 def follow(
     agent: object,
     *,
-    speed: float = 0.25,
-    look_ahead: float = 0.25,
     episodes: int = 16,
     seed: int = EVALUATION_SEED,
 ) -> Metrics:
@@ -221,9 +219,6 @@ def follow(
     Args:
         agent: run folder of an agent for track-velocity, pretrained:NAME, or CONTROLLER:track-velocity-2d or -3d,
             with @SPACECRAFT if you like.
-        speed: speed along the circle, m/s.
-        look_ahead: look-ahead distance, m: the commanded velocity points to the farthest point of the circle
-            within it.
         episodes: number of flights; each starts at rest near the first point of the circle, with another attitude.
         seed: random seed of the starts.
 
@@ -233,7 +228,7 @@ def follow(
     from rans.evaluation.fly.contestants import in_protocol
     from rans_assurance.circle import LookAhead, fly_circle, tracked
 
-    planner = LookAhead(speed, look_ahead)
+    planner = LookAhead()
     run = in_protocol(agent, "own")
     return tracked(fly_circle(run, planner, seed, whole("episodes", episodes)), planner)
 

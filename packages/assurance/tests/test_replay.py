@@ -41,7 +41,7 @@ def test_an_idle_policy_fails_for_every_judge(run):
             return idle(observation)
 
     setup = run.judged._replace(timing=replace(run.judged.timing, episode_steps=20))
-    found = replays(Idle(), setup, 0, {Failure.UNSETTLED: [5, 3, 8]}, worst=1, sample=1)
+    found = replays(Idle(), setup, 0, {Failure.UNSETTLED: [5, 3, 8]}, most=1)
     assert (found.tried, found.failed) == (3, 3)
     assert all([*one.again] == ["numpy", "drake"] for one in found.found)
     assert all(one.again["drake"] is not None for one in found.found)

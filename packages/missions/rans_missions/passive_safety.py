@@ -171,9 +171,9 @@ def single_coasts(states: np.ndarray, time: np.ndarray, flight: np.ndarray) -> P
     return Pieces(states, states, time, np.zeros(len(states)), flight)
 
 
-def joined(pieces: list[Pieces]) -> Pieces:
-    """All of several families."""
-    return Pieces(*(np.concatenate(x) for x in zip(*pieces, strict=True)))
+def joined(several: list[Any]) -> Any:
+    """All rows of several named tuples of arrays, such as `Pieces`."""
+    return type(several[0])(*map(np.concatenate, zip(*several, strict=True)))
 
 
 def least_distances(mean_motion: float, pieces: Pieces, flights: int) -> np.ndarray:

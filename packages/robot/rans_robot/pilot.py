@@ -337,7 +337,7 @@ class MessagePilot:
             self.agent.reset()
             self._resting = False
         # The agent's command for the goal as it is now.
-        state = self._state()
+        state = state_of(self.craft, Motion(**self._reading))
         since = self._began if self._goal_came is None else self._goal_came
         goal = self._task.later(self._goal, (now - since) * 1e-9)
         self.errors = {name: float(error) for name, error in self._task.errors(state, goal).items()}
@@ -444,9 +444,6 @@ class MessagePilot:
             and (now - refused[0]) * 1e-9 <= self.plan.lost_after
         ]
         return f" ({'; '.join(recent)})" if recent else ""
-
-    def _state(self) -> State:
-        return state_of(self.craft, Motion(**self._reading))
 
 
 def state_of(craft: Spacecraft, motion: Motion) -> State:

@@ -176,19 +176,13 @@ def _at_rate(conditions: Conditions | None, ratio: float) -> Conditions | None:
 
     def late(variant: Conditions) -> Conditions:
         """Conditions with delays and noise of a period in steps of the engine's shorter one."""
-        delay: Any = variant.sensors.delay
-        low, high = delay if isinstance(delay, tuple) else (delay, delay)
-        several = (float(round(low * ratio)), float(round(high * ratio)))
-        scaled = several if isinstance(delay, tuple) else several[0]
+        delays = [float(round(x * ratio)) for x in bounds(variant.sensors.delay)]
         # The mean of n independent factors on a force scatters by 1 / sqrt(n) of what each does.
-        noise: Any = variant.thrusters.noise
-        low, high = (min(1.0, x * math.sqrt(ratio)) for x in bounds(noise))
+        noises = [min(1.0, x * math.sqrt(ratio)) for x in bounds(variant.thrusters.noise)]
         return replace(
             variant,
-            sensors=replace(variant.sensors, delay=scaled),
-            thrusters=replace(
-                variant.thrusters, noise=(low, high) if isinstance(noise, tuple) else low
-            ),
+            sensors=replace(variant.sensors, delay=(delays[0], delays[1])),
+            thrusters=replace(variant.thrusters, noise=(noises[0], noises[1])),
         )
 
     return replace(late(conditions), others=tuple(late(variant) for variant in conditions.others))

@@ -128,11 +128,11 @@ class Assurance:
         policy = controller.network if isinstance(controller, Agent) else controller
         self.campaign.fly(policy, self.run.judged, device, stages)
 
-    def replay(self, worst: int, sample: int) -> None:
+    def replay(self, most: int) -> None:
         """Fly failed flights again, see `rans_assurance.assure.replay.replays`."""
         numbers = {kind: some for kind in Failure if (some := self.campaign.numbers(kind))}
         self.replays = replays(
-            self.run.controller, self.run.judged, self.campaign.seed, numbers, worst, sample
+            self.run.controller, self.run.judged, self.campaign.seed, numbers, most
         )
 
     def view(self, number: int) -> str:

@@ -79,8 +79,7 @@ def replays(
     setup: Setup,
     seed: int,
     numbers: Mapping[Failure, Sequence[int]],
-    worst: int,
-    sample: int,
+    most: int,
 ) -> Replays:
     """Fly failed flights again.
 
@@ -89,12 +88,11 @@ def replays(
         setup: setup of the campaign.
         seed: seed of the campaign.
         numbers: numbers of its failed flights, by kind.
-        worst: number of the worst flights of each kind that Drake replays.
-        sample: number of the first flights of each kind that Drake replays.
+        most: number of the worst flights of each kind, and of the first ones, that Drake replays.
     """
     # All candidates fly once more in the fast engine.
     kinds = [(number, kind) for kind, some in numbers.items() for number in some[:CANDIDATES]]
-    if not kinds or not worst + sample:
+    if not kinds or not most:
         return Replays([])
     flight = fly_draws(controller, setup, drawing(seed, [number for number, _ in kinds]))
     again = failure_kinds(flight)
@@ -104,7 +102,7 @@ def replays(
     for kind in numbers:
         own = [k for k, (_, of) in enumerate(kinds) if of == kind]
         ranked = sorted(own, key=lambda k: -excess[k])
-        chosen += dict.fromkeys(ranked[:worst] + own[:sample])
+        chosen += dict.fromkeys(ranked[:most] + own[:most])
     # Verdicts of the engines about the chosen flights.
     verdicts: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
     if has_drake():

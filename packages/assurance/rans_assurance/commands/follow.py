@@ -17,7 +17,7 @@ from rans_assurance.functions import follow
 
 @command_of(
     follow,
-    without=("speed", "look_ahead", "seed"),
+    without=("seed",),
     agent=word("RUN"),
 )
 class Follow(Options):

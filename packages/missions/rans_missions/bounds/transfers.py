@@ -5,7 +5,7 @@ Bounds are proven, N s; a start without a flight is named and not averaged.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,20 +83,17 @@ def least_of_transfers(
     A point is held by the flight of `rans_missions.convex.holding.flight_that_holds`.
     """
     deadline = task.deadline[1]
-    every = list(each(starts))
-    meeting = Meeting.of(craft, task, every[0].goal)
-    lower = []
-    transfers = []
-    for state in map(state_of, every):
-        if task.stay_seconds:
-            lower.append(least_to_hold(meeting, state, deadline, task.stay_seconds))
-            transfers.append(flight_that_holds(meeting, state, deadline, task.stay_seconds))
-        else:
+    meeting = Meeting.of(craft, task, next(each(starts)).goal)
+
+    def solved(one: Scenario) -> tuple[float, MeetingTransfer | None]:
+        state = state_of(one)
+        if not task.stay_seconds:
             answer = rendezvous(meeting, state, deadline)
-            lower.append(answer.lower)
-            transfers.append(answer.transfer)
-        progress(1)
-    return _flown(craft, task, starts, lower, transfers)
+            return answer.lower, answer.transfer
+        asked = meeting, state, deadline, task.stay_seconds
+        return least_to_hold(*asked), flight_that_holds(*asked)
+
+    return _flown(craft, task, starts, solved, progress)
 
 
 def least_of_approaches(
@@ -107,14 +104,12 @@ def least_of_approaches(
     Raises:
         ConfigError: see `rans_missions.convex.rendezvous.forces_in_w`.
     """
-    lower = []
-    transfers = []
-    for one in each(starts):
+
+    def solved(one: Scenario) -> tuple[float, MeetingTransfer | None]:
         meeting, state = PortMeeting.at_port(craft, task, task.timing, one.goal), state_of(one)
-        lower.append(least_to_approach(meeting, state)[0])
-        transfers.append(flight_to_port(meeting, state))
-        progress(1)
-    return _flown(craft, task, starts, lower, transfers)
+        return least_to_approach(meeting, state)[0], flight_to_port(meeting, state)
+
+    return _flown(craft, task, starts, solved, progress)
 
 
 def transfer_bounds(
@@ -132,14 +127,20 @@ def _flown(
     craft: Spacecraft,
     task: Task,
     starts: Scenario,
-    lower: Sequence[float],
-    transfers: Sequence[MeetingTransfer | None],
+    solved: Callable[[Scenario], tuple[float, MeetingTransfer | None]],
+    progress: Progress,
 ) -> LeastImpulse:
-    """Bounds with transfers, which win where they win in the fast engine and in Drake."""
-    commands = np.zeros((task.timing.episode_steps, len(transfers), craft.thruster_count))
-    for k, transfer in enumerate(transfers):
+    """Bounds, and transfers that win where they win in the fast engine and in Drake, of every start."""
+    lower = []
+    commands = np.zeros(
+        (task.timing.episode_steps, np.size(starts.start.p.x), craft.thruster_count)
+    )
+    for k, one in enumerate(each(starts)):
+        bound, transfer = solved(one)
+        lower.append(bound)
         if transfer is not None:
             commands[: len(transfer.commands), k] = transfer.commands
+        progress(1)
     fast, drake = (
         flying(craft, task, Script(commands), starts, task.timing) for flying in (fly, fly_in_drake)
     )

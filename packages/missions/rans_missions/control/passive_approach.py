@@ -91,11 +91,6 @@ class _Plans(NamedTuple):
         return np.max(self.times, axis=1, where=np.isfinite(self.times), initial=0.0)
 
 
-def _all(plans: list[_Plans]) -> _Plans:
-    """The plans of several batches."""
-    return _Plans(*(np.concatenate(x) for x in zip(*plans, strict=True)))
-
-
 class PassiveApproach(VelocityGuidance[Hold]):
     """Flies to a hold point so that if all thrusters shut, a coast of an orbit never enters the keep-out ball.
 
@@ -141,7 +136,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
         if self._plans is None:
             deadlines = np.asarray(goal.notes.deadline)
             rows = zip(states, goals, deadlines, strict=True)
-            self._plans = _all([self._plan(*row) for row in rows])
+            self._plans = joined([self._plan(*row) for row in rows])
         change = self._change_by_plans(self._plans, states, goals, now)
         staying = np.stack(self.task.staying(state, goal).columns(), axis=1)
         away = np.linalg.norm(states[:, :3] - goals, axis=1) > self.task.position_tolerance * _EDGE
@@ -190,7 +185,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
         for draw in range(_DRAWS):
             random = np.random.default_rng(draw)
             sizes = _MORE_LEGS if draw else _LEGS
-            plans = _all([self._sampled(random, *size, start, goal, deadline) for size in sizes])
+            plans = joined([self._sampled(random, *size, start, goal, deadline) for size in sizes])
             order = np.argsort(plans.price, kind="stable")
             cheapest.append(plans.rows(order[:1]))
             order = order[plans.price[order] < _IMPOSSIBLE]
@@ -205,7 +200,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
                 safe = np.flatnonzero(least_distances(n, flown, len(some.price)) > zone + _CLEAR)
                 if len(safe):
                     return some.rows(safe[:1])
-        drawn = _all(cheapest)
+        drawn = joined(cheapest)
         return drawn.rows([np.argmin(drawn.price)])
 
     def _coasts_of_impulses(self, plans: _Plans, is_safe_start: np.ndarray) -> Pieces:

@@ -105,16 +105,23 @@ class Lander:
                 f"the tank of {craft.name!r} has a position: take it out of [propellant]."
             )
         # All engines together must push along z of B, so that thrust follows attitude.
-        along = full_thrust(craft)
+        forces = craft.wrenches[:, :3]
+        along = forces.sum(axis=0)
         if np.linalg.norm(along[:2]) > 1e-6 * along[2]:
             raise ConfigError(
                 f"the engines of {craft.name!r} push along {along.round(3).tolist()} N together, and a lander's "
                 "along z of B."
             )
+        count = len(forces)
+        if not all(0 <= k < count for k in dead) or len({*dead}) == count:
+            raise ConfigError(
+                f"dead engines are some, not all, of the numbers 0 to {count - 1}, got {[*dead]}."
+            )
         # Mass flow at full thrust is the sum over engines of force by exhaust speed.
-        full = float(np.linalg.norm(full_thrust(craft, dead)))
-        live = [t for k, t in enumerate(craft.thrusters) if k not in dead]
-        flow = sum(t.force for t in live) / tank.exhaust_speed
+        live = np.delete(forces, [*dead], axis=0)
+        sizes = np.linalg.norm(live, axis=1)
+        full = float(np.linalg.norm(live.sum(axis=0)))
+        flow = float(sizes.sum()) / tank.exhaust_speed
         lander = cls(
             craft.mass,
             tank.mass,
@@ -132,26 +139,11 @@ class Lander:
         # across it.
         limits = craft.actuators.least, craft.actuators.most
         throttles = np.array([*itertools.product(limits, repeat=len(live))])
-        used = throttles @ [t.force for t in live] * (lander.exhaust_speed / tank.exhaust_speed)
-        force = throttles @ np.array([np.multiply(t.direction, t.force) for t in live])
+        used = throttles @ sizes * (lander.exhaust_speed / tank.exhaust_speed)
+        force = throttles @ live
         across = np.linalg.norm(force[:, :2], axis=1)
         rows = np.stack([used, force[:, 2], across], axis=1)
         return replace(lander, corners=tuple(map(tuple, rows.tolist())))
-
-
-def full_thrust(craft: Spacecraft, dead: Sequence[int] = ()) -> np.ndarray:
-    """(3,) force in B of all engines at full thrust but the dead ones, N.
-
-    Raises:
-        ConfigError: there is no engine of a number, or none is left.
-    """
-    count = craft.thruster_count
-    if not all(0 <= k < count for k in dead) or len({*dead}) == count:
-        raise ConfigError(
-            f"dead engines are some, not all, of the numbers 0 to {count - 1}, got {[*dead]}."
-        )
-    live = [t for k, t in enumerate(craft.thrusters) if k not in dead]
-    return np.array([np.multiply(t.direction, t.force) for t in live]).sum(axis=0)
 
 
 @dataclass(frozen=True)

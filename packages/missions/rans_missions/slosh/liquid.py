@@ -57,7 +57,7 @@ class Slosh(Effector):
     Research Institute, 2000 (the revision of NASA SP-106, 1966), chapters 3 and 4.
 
     >>> slosh = rans.Slosh(mass=0.5, length=0.1, hinge=(0.05, 0.0, 0.0), direction=(-1.0, 0.0, 0.0), damping=2e-4)
-    >>> round(slosh.frequency(acceleration=0.2), 4)  # rad/s
+    >>> round((0.2 / slosh.length) ** 0.5, 4)  # rad/s of small swings at 0.2 m/s^2, of a heavy craft
     1.4142
     """
 
@@ -125,10 +125,6 @@ class Slosh(Effector):
         x, y, z = (b - height * d for b, d in zip(bottom, direction, strict=True))
         damping = 2.0 * damping_ratio * mass * length**2 * math.sqrt(acceleration / length)
         return cls(mass, length, (x, y, z), direction, damping)
-
-    def frequency(self, acceleration: float) -> float:
-        """Natural frequency of small swings under an acceleration (m/s^2) of a heavy spacecraft, rad/s."""
-        return math.sqrt(acceleration / self.length)
 
     def point(self) -> tuple[float, float, float]:
         """Position of the mass in G where the angle is zero, m."""

@@ -31,7 +31,8 @@ def test_a_flight_that_one_engine_alone_wins_is_no_upper_bound(monkeypatch):
     monkeypatch.setattr(transfers, "won", lambda wins: wins)
     monkeypatch.setattr(transfers, "impulses", lambda _: np.array([2.5, 4.5]))
     starts = scenarios(Hold(), CHASER, 1, 2)
-    found = transfers._flown(CHASER, Hold(), starts, [2.0, 4.0], [None, None])
+    lower = iter((2.0, 4.0))
+    found = transfers._flown(CHASER, Hold(), starts, lambda _: (next(lower), None), lambda _: None)
     assert found.to_json() == {"lower": [2.0, 4.0], "upper": [2.5, None]}
     assert found.table("").rows == [
         ("0", "2.5", "2", "1.250"),
