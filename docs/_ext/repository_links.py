@@ -1,6 +1,6 @@
 """Links of the Markdown pages that lead out of the site, which are right in the repository.
 
-Pages link to files as a reader of the repository needs it: to the README, to examples, to records. In the site
+Pages link to files as a reader of the repository needs it: to the README, to examples. In the site
 a link to the README leads to the landing page, one to a tutorial's script to its page, one to any other file
 downloads it, and one to a folder is text.
 """
