@@ -34,34 +34,18 @@ class Motion(NamedTuple):
 _HALF = np.sqrt(0.5)
 
 
-def swapped_world(vector: Vector) -> np.ndarray:
-    """A vector of ENU in NED, or of NED in ENU."""
-    x, y, z = vector
-    return np.array([y, x, -z], dtype=float)
-
-
-def swapped_body(vector: Vector) -> np.ndarray:
-    """A vector of the body forward-left-up in forward-right-down, or the other way."""
-    x, y, z = vector
-    return np.array([x, -y, -z], dtype=float)
-
-
-def swapped_attitude(quaternion: Vector) -> np.ndarray:
-    """A rotation from body FLU to world ENU as one from FRD to NED, or the other way, (w, x, y, z).
-
-    With the half turns q_NED,ENU about (1, 1, 0) and q_FLU,FRD about x it is their product around the rotation.
-    """
-    w, x, y, z = quaternion
-    return np.array([w + z, x + y, x - y, w - z], dtype=float) * _HALF
-
-
 def swapped(motion: Motion) -> Motion:
-    """Motion in RANS's frames as PX4 has it, or PX4's as RANS has it."""
+    """Motion in RANS's frames as PX4 has it, or PX4's as RANS has it.
+
+    With the half turns q_NED,ENU about (1, 1, 0) and q_FLU,FRD about x the attitude is their product around the
+    rotation.
+    """
+    (x, y, z), (w, a, b, c), (u, v, climb), (roll, pitch, yaw) = motion
     return Motion(
-        swapped_world(motion.position),
-        swapped_attitude(motion.attitude),
-        swapped_world(motion.velocity),
-        swapped_body(motion.spin),
+        np.array([y, x, -z], dtype=float),
+        np.array([w + c, a + b, a - b, w - c], dtype=float) * _HALF,
+        np.array([v, u, -climb], dtype=float),
+        np.array([roll, -pitch, -yaw], dtype=float),
     )
 
 

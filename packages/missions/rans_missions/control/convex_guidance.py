@@ -28,7 +28,6 @@ from rans_missions.control.afterwards import Afterwards
 from rans_missions.convex.holding import flight_that_holds
 from rans_missions.convex.rendezvous import (
     Meeting,
-    MeetingTransfer,
     rendezvous,
     trajectory,
 )
@@ -159,29 +158,24 @@ class ConvexGuidance(ModelBased):
         )
 
     def _planned(self, meeting: Meeting, relative_state: np.ndarray, left: float) -> _Plan | None:
-        """A plan from this state (2 d,), with so many s until the deadline; None counts a failure."""
+        """The cheapest plan from this state (2 d,), with so many s until the deadline; None counts a failure.
+
+        Without a flight within limits, one beyond them.
+        """
         if last_check(left, meeting.interval) < 1:
             return None
         try:
-            transfer = self._searched(meeting, relative_state, left)
+            transfer = None
+            if self._holds:
+                stay = self._mission.stay_seconds
+                transfer = flight_that_holds(meeting, relative_state, left, stay)
+            if transfer is None:
+                answer = rendezvous(meeting, relative_state, left)
+                transfer = answer.transfer or answer.free
         except SolverFailed:
             self.failures += 1
             return None
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
-
-    def _searched(
-        self, meeting: Meeting, relative_state: np.ndarray, left: float
-    ) -> MeetingTransfer:
-        """The cheapest transfer from this state (2 d,) within so many s.
-
-        Without a flight within limits, one beyond them.
-        """
-        if self._holds:
-            held = flight_that_holds(meeting, relative_state, left, self._mission.stay_seconds)
-            if held is not None:
-                return held
-        answer = rendezvous(meeting, relative_state, left)
-        return answer.free if answer.transfer is None else answer.transfer
 
     def _one_period_later(self, plan: _Plan | None) -> _Plan | None:
         """What is left of a plan once its first command has been given."""

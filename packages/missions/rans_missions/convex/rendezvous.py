@@ -495,39 +495,26 @@ def rendezvous(meeting: Meeting, start: np.ndarray, deadline: float) -> Answer:
 def cheapest_within_limits(
     meeting: Meeting, start: np.ndarray, begun: Sequence[tuple[MeetingTransfer, int]]
 ) -> MeetingTransfer | None:
-    """The cheapest of the flights that `within_limits` makes of some; None: it makes none.
+    """The cheapest flight found that keeps every limit at every check; None: none was found.
 
     Args:
         meeting: what is to be done.
         start: (2 d,) position (m) and velocity (m/s) in W.
-        begun: flights without limits, and the check of the arrival of each.
+        begun: flights without limits from which rounds begin, and the check of the arrival of each, after which it
+            stays until its meeting.
     """
     best: MeetingTransfer | None = None
     for flight, first in sorted(begun, key=lambda one: one[0].impulse):
         # Limits make no flight cheaper.
         if best is not None and flight.impulse >= best.impulse:
             break
-        found = within_limits(meeting, start, flight, first)
+        states = trajectory(meeting, start, flight)
+        found: MeetingTransfer | None = flight
+        if least_margin(meeting.limits, states) < 0.0:
+            found = successive(meeting, start, flight.check, meeting.limits, states, first)
         if found is not None and (best is None or found.impulse < best.impulse):
             best = found
     return best
-
-
-def within_limits(
-    meeting: Meeting, start: np.ndarray, begun: MeetingTransfer, first: int
-) -> MeetingTransfer | None:
-    """A flight that meets at the same checks and keeps every limit at every check; None: none was found.
-
-    Args:
-        meeting: what is to be done.
-        start: (2 d,) position (m) and velocity (m/s) in W.
-        begun: a flight without limits.
-        first: check of its arrival, after which it stays until its meeting.
-    """
-    states = trajectory(meeting, start, begun)
-    if least_margin(meeting.limits, states) >= 0.0:
-        return begun
-    return successive(meeting, start, begun.check, meeting.limits, states, first)
 
 
 def successive(

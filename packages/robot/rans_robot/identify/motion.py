@@ -14,16 +14,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, Quat, Spacecraft, Vec3, Wrench, leaves, map_leaves
+from rans.extend import ConfigError, Quat, Spacecraft, Vec3, Wrench, leaves
 from rans.model.dynamics import thrust
 from rans_robot.identify.log import SIZES, FlightLog
 
 STEP = 0.02
 """s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
 2e-4 rad under 4 rad/s^2, far below the noise of readings."""
-_FEW_WINDOWS = 4
-"""Up to so many windows in space are predicted one after the other, in floats: a step of floats takes a quarter of
-the time of one of arrays, however few their entries are."""
 _BRISK = 1e-4
 """s: a rise below it counts as a delay of half of it, since a mean over no time is rounding."""
 _AFTER = 10.0
@@ -249,17 +246,6 @@ def _turned_in_space(
 
     The fit takes finite differences of results: no choice by the value of a parameter, which would make steps.
     """
-    if 1 < len(spin) <= _FEW_WINDOWS:
-        parts = [slice(k, k + 1) for k in range(len(spin))]
-        each = [
-            _turned_in_space(
-                *map_leaves(
-                    lambda x, part=part: x[part], (physics, attitude, spin, force, torque, step)
-                )
-            )
-            for part in parts
-        ]
-        return tuple(map(np.concatenate, zip(*each, strict=True)))
     inertia = physics.inertia[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
     inverse = _fields(np.linalg.inv(inertia))
     inertia = _fields(inertia)
