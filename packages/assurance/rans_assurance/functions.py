@@ -89,7 +89,9 @@ def stress(
     # Names and options, refused before anything flies.
     first, invited = invitations(contestants)
     contest = contest_of(first, whole("episodes", episodes), seed, trust=trust, guard=guard)
-    names = stress_conditions(conditions, only)
+    names = conditions
+    if names is None:
+        names = () if only else STRESSED
     sets = {name: load_conditions(name, contest.craft) for name in names}
     # Slow controllers fly 32 of 256 starts: their interval is then about three times as wide.
     slow = max(1, episodes // 8) if slow_episodes is None else whole("slow_episodes", slow_episodes)
@@ -113,13 +115,6 @@ def stress(
     with writing_at_end(end), watched(save) as stage:
         planned.fly(stage, workers)
     return report
-
-
-def stress_conditions(given: Sequence[str] | None, only: Sequence[str]) -> Sequence[str]:
-    """Sets of conditions that a robustness sweep flies beside single disturbances."""
-    if given is not None:
-        return given
-    return () if only else STRESSED
 
 
 def assure(

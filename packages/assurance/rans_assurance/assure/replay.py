@@ -69,11 +69,6 @@ class Replays:
     """Number of these that failed again, in any way."""
 
 
-def has_drake() -> bool:
-    """Whether Drake is installed."""
-    return is_installed("pydrake")
-
-
 def replays(
     controller: Controller,
     setup: Setup,
@@ -105,7 +100,7 @@ def replays(
         chosen += dict.fromkeys(ranked[:most] + own[:most])
     # Verdicts of the engines about the chosen flights.
     verdicts: dict[Judge, list[Failure | None]] = {"numpy": [again[k] for k in chosen]}
-    if has_drake():
+    if is_installed("pydrake"):
         own = drawing(seed, [kinds[k][0] for k in chosen])
         verdicts["drake"] = failure_kinds(fly_draws(controller, setup, own, "drake"))
     inside = np.asarray(flight.task.reached(flight.states, flight.goals))[

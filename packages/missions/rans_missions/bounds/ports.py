@@ -29,22 +29,13 @@ def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timi
     start: Any = one.start
     goal: Any = one.goal
     mouths, ports = port_waypoints(task, goal, timing)
-    if _begins_inside(task, one):
+    apex = numbers(goal.p) * (1.0 - task.cone_depth / task.standoff)
+    if np.linalg.norm(numbers(start.p) - apex) <= task.cone_length:
         ways = [[port] for port in ports]
     else:
         ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
     least = min(waypoints.least_impulse_through(craft, start, way) for way in ways)
     return min(least, craft.mass * _CAP)
-
-
-def _begins_inside(task: DockPort, one: Scenario) -> bool:
-    """Whether the start is in the sphere of the cone's length around its apex."""
-    start: Any = one.start
-    goal: Any = one.goal
-    at = numbers(start.p)
-    apex = numbers(goal.p)
-    apex *= 1.0 - task.cone_depth / task.standoff
-    return float(np.linalg.norm(at - apex)) <= task.cone_length
 
 
 def port_waypoints(

@@ -113,6 +113,7 @@ class ConvexGuidance(ModelBased):
         stays = self._afterwards.stays
         deadline = np.broadcast_to(np.asarray(goal.notes.deadline, float), len(relative_states))
         commands = np.zeros((len(relative_states), self._craft.command_count))
+        checks = self._timing.checks
         # All episodes of a mission meet at one point.
         meeting = self._meeting or self._cautious(_first(goal))
         self._meeting = meeting
@@ -125,7 +126,9 @@ class ConvexGuidance(ModelBased):
                 plan = self._planned(meeting, now, float(deadline[k]))
             if plan is not None:
                 commands[k] = plan.commands[0]
-                plan = self._one_period_later(plan)
+                # What is left of it once its first command has been given.
+                goes_on = len(plan.states) > checks + 1 and len(plan.commands) > 1
+                plan = _Plan(plan.commands[1:], plan.states[checks:]) if goes_on else None
             self._plans[k] = plan
         return self._afterwards.commands(state, goal, commands)
 
@@ -176,13 +179,6 @@ class ConvexGuidance(ModelBased):
             self.failures += 1
             return None
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
-
-    def _one_period_later(self, plan: _Plan | None) -> _Plan | None:
-        """What is left of a plan once its first command has been given."""
-        checks = self._timing.checks
-        if plan is None or len(plan.states) <= checks + 1 or len(plan.commands) < 2:
-            return None
-        return _Plan(plan.commands[1:], plan.states[checks:])
 
 
 def _first(goal: Any) -> Any:
