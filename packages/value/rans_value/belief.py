@@ -79,7 +79,7 @@ class Belief:
 
     def sent(self, command: Tensor) -> None:
         """Expect what commands (N, n) do until the next reading."""
-        thrust = self._problem.mean_thrust(command.double().unbind(dim=1))
+        thrust = self._problem.mean_thrust(command.double())
         now = self._estimate
         self._estimate = self._later(now, self._thrust, thrust)
         # The motion is of second order in the estimates, so that its slopes are differences.
@@ -91,10 +91,8 @@ class Belief:
 
     def step(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """As `PoseProblem.step`, by the estimates, of a flight that does not end."""
-        opened = command.unbind(dim=-1)
-        waiting, price, discount = self._problem.terms(_designed(state))
-        cost = waiting + price * self._problem.burnt(opened)
-        thrust = self._problem.mean_thrust(opened)
+        thrust = self._problem.mean_thrust(command)
+        cost, discount = self._problem.cost(_designed(state), thrust)
         return self._moved(state, thrust, self._problem.period), cost, discount
 
     def __call__(self, state: Tensor) -> Tensor:

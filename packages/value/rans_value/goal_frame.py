@@ -105,9 +105,8 @@ class GoalFrame:
         self._lever = (0.0, 0.0)
         if self.turns:
             fastest = int(goals.w.abs().argmax())
-            turning: Any = map_leaves(lambda x: float(x[fastest]), goals)
-            speed = turning.attitude.inverse().rotate(turning.v)
-            self._lever = speed.scale(1.0 / turning.w).columns()
+            lever = goals.attitude.inverse().rotate(goals.v).scale(1.0 / goals.w)
+            self._lever = tuple(float(x[fastest]) for x in lever.columns())
         self.ends_well = task.done(aim, aim) is not None
         """Whether the task has a success that ends the flight."""
         self._probes = self._tried(drawn.start, goals)

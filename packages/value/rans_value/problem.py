@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
 from typing import Any
 
 import torch
@@ -123,7 +122,7 @@ class PoseProblem:
         self.rows = (7 if craft.dimension == 2 else 14) + self.frame.turns
         self.numbers = 2 + 2 * craft.dimension + len(steps) + len(forces)
         """Random numbers of a state near the goal."""
-        self.thrust = [thruster.force / self.force for thruster in craft.thrusters]
+        self._thrust = [thruster.force / self.force for thruster in craft.thrusters]
         views = symmetries(craft)
         own = (torch.eye(self.dimension)[None], torch.ones(1), torch.arange(len(forces))[None])
         sides = own if views is None else views.tensors_like(torch.zeros(1))
@@ -145,10 +144,8 @@ class PoseProblem:
 
         Nothing follows the end of a flight.
         """
-        opened = command.unbind(dim=-1)
-        after, won, lost = self.frame.step(state, opened)
-        waiting, price, discount = self.terms(state)
-        cost = waiting + price * self.burnt(opened)
+        after, won, lost = self.frame.step(state, command.unbind(dim=-1))
+        cost, discount = self.cost(state, self.mean_thrust(command))
         failure = self._flight * (1.0 + self.price(state))
         return (
             after,
@@ -156,15 +153,16 @@ class PoseProblem:
             torch.where(won | lost, 0.0, discount),
         )
 
-    def mean_thrust(self, command: Sequence[Tensor]) -> Tensor:
-        """Shares (n, ...) of their forces that thrusters give in the mean of a period."""
-        return torch.stack(mean_thrust(self.craft, command))
+    def mean_thrust(self, command: Tensor) -> Tensor:
+        """Shares (n, ...) of their forces that thrusters give in the mean of a period, by commands (..., n)."""
+        return torch.stack(mean_thrust(self.craft, command.unbind(dim=-1)))
 
-    def burnt(self, command: Sequence[Tensor]) -> Tensor:
-        """Impulse of a control period as a time of full thrust, s."""
-        mean = self.mean_thrust(command)
-        weighted = [x * y for x, y in zip(mean, self.thrust, strict=True)]
-        return self.period * torch.stack(weighted).sum(dim=0)
+    def cost(self, state: Tensor, thrust: Tensor) -> tuple[Tensor, Tensor]:
+        """Cost of a control period, s, and its discount, of a flight that is not lost."""
+        waiting, price, discount = self.terms(state)
+        weighted = [x * y for x, y in zip(thrust, self._thrust, strict=True)]
+        burnt = self.period * torch.stack(weighted).sum(dim=0)
+        return waiting + price * burnt, discount
 
     def seen(self, state: Tensor) -> Tensor:
         """States as costs and values are of them: within a finer tolerance places are larger by as much."""
@@ -229,8 +227,9 @@ class PoseProblem:
     def features(self, state: Tensor) -> Tensor:
         """Inputs of the value function, (..., features)."""
         state = self.seen(state)
-        p, attitude, v, _, rest = parted(state)
-        _, turn, _, w = self.offsets(state)
+        _, attitude, _, _, rest = parted(state)
+        offsets = self.offsets(state)
+        p, turn, v, w = offsets
         speed = math.sqrt(self.acceleration * self.range)
         # In the frame of the goal and in that of the body, in units of the craft's authority.
         place = p / self.range
@@ -262,34 +261,28 @@ class PoseProblem:
         columns += [time / self.scale for times in self.quickest(state) for time in times]
         # Close to the goal.
         widths = self._widths
-        errors = [
-            row / width
-            for rows, width in zip(self.offsets(state), widths, strict=True)
-            for row in rows
-        ]
+        errors = torch.cat([x / width for x, width in zip(offsets, widths, strict=True)])
         for scale in _SCALES:
-            columns += [torch.tanh(scale * error) for error in errors]
+            columns += [*torch.tanh(scale * errors)]
         columns.append(torch.tanh(distance / widths[0] - 1.0))
         if self.dimension == 3:
             angle = (turn.square().sum(dim=0) + 1e-6).sqrt()
             columns += [angle, torch.tanh(angle / widths[1] - 1.0)]
         # Limits here, and where the craft can come to rest.
         braked = p + v * v.square().sum(dim=0).sqrt() / (2.0 * self.acceleration)
-        for margin in (
-            *self.frame.margins(state),
-            *self.frame.margins(torch.cat((braked, state[self.dimension :]))),
-        ):
+        at_rest = torch.cat((braked, state[self.dimension :]))
+        for margin in (*self.frame.margins(state), *self.frame.margins(at_rest)):
             columns += [margin / self.range, torch.tanh(margin / (_MARGINS * self.range))]
         # Where between the spins and headings that pulses can reach.
         if self.frame.turns:
             w = w + rest[:1]
             columns += [rest[0] / self.spin_steps[0], *(w / self.spin_steps[0])]
-        for spin, step in zip(w, self.spin_steps, strict=True):
-            phase = (2 * math.pi / step) * spin
-            columns += [phase.sin(), phase.cos()]
-        if self.dimension == 2 and (step := self.spin_steps[0]) * self.period > _COARSE:
-            behind = attitude[0] - 0.5 * self.period * w[0]
-            phase = (2 * math.pi / (step * self.period)) * behind
+        lattice = [*zip(w, self.spin_steps, strict=True)]
+        between = self.spin_steps[0] * self.period
+        if self.dimension == 2 and between > _COARSE:
+            lattice.append((attitude[0] - 0.5 * self.period * w[0], between))
+        for place, step in lattice:
+            phase = (2 * math.pi / step) * place
             columns += [phase.sin(), phase.cos()]
         # The trade-off.
         trade_off = rest[-1]

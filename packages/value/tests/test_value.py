@@ -229,11 +229,16 @@ def test_flights_tell_what_conditions_drew(conditions):
 
 def test_the_weights_that_ship_hold_the_pose_under_conditions():
     task = GoToPosePriced(trade_off=(0.5, 0.5))
-    designed = Newest(PLATFORM, task, Timing())
-    controller = designed.expecting(LAB)
+    controller = Newest(PLATFORM, task, Timing()).expecting(LAB)
     flight = fly_episodes(controller, Setup(PLATFORM, task, Timing(), LAB), 0, 2)
     assert task.reached(flight.states, flight.goals)[-25:].mean() > 0.95
-    assert controller.expecting(None)._greedy is designed._greedy
+
+
+def test_a_comparison_tells_it_the_conditions():
+    name = "value:go-to-pose-priced-2d@floating-platform#0.5"
+    contest = contest_of(name, 2, conditions=LAB)
+    told: Any = enlist(name, contest).controller
+    assert told._agent._belief is not None
 
 
 @pytest.mark.slow

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from rans.evaluation.fly.agent import LoadedRun
-from rans.flight import Controller
+from rans.flight import Controller, informed
+from rans.randomization.conditions import Conditions
 
 
 class FixedTradeOff:
@@ -17,6 +18,10 @@ class FixedTradeOff:
         self.name = f"{agent.name}#{trade_off:g}"
         self.trade_off = trade_off
         self._agent = agent
+
+    def expecting(self, conditions: Conditions | None) -> FixedTradeOff:
+        """The agent told what conditions it flies in, if it can expect them (`rans.flight.informed`)."""
+        return FixedTradeOff(informed(self._agent, conditions), self.trade_off)
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
