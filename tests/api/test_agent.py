@@ -18,10 +18,10 @@ def open_loop(agent: rans.Agent, steps: int) -> tuple[np.ndarray, np.ndarray]:
     """Commands of an agent in a Gymnasium loop, and those of its own first flight of the same seed."""
     env = gymnasium.make("rans/GoToPose2D-v0", task=agent.task.for_evaluation())
     observation, _ = env.reset(seed=2023)
-    memory = None
+    memory = agent.predict(-observation)[1]  # of another episode
     given = []
-    for _ in range(steps):
-        action, memory = agent.predict(observation, memory)
+    for step in range(steps):
+        action, memory = agent.predict(observation, memory, np.array([step == 0]))
         assert env.action_space.contains(action)
         given.append(action)
         observation, *_ = env.step(action)
@@ -91,7 +91,6 @@ def test_task_and_spacecraft_of_an_agent_are_honoured_or_refused(agent):
 
 def test_metrics_are_a_mapping():
     found = rans.load_agent("go-to-pose-2d").evaluate(episodes=2)
-    assert "solved" in found
     assert "nothing" not in found
     assert list(found) == [row.name for row in found.rows] == list(dict(found))
 

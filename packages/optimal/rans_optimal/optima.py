@@ -75,7 +75,7 @@ class Optimum:
     @property
     def good(self) -> bool:
         """Whether there is a trajectory, and the flight in Drake follows it."""
-        return self.trajectory.solved and self.replay_error <= REPLAY_BOUND
+        return bool(self.trajectory.solved and self.replay_error <= REPLAY_BOUND)
 
     @property
     def sentence(self) -> str:

@@ -388,8 +388,7 @@ def to_json(comparison: Comparison, text: str) -> dict[str, Any]:
             "per_start": {
                 "contestants": {e.name: [*_starts(e)] for e in comparison.entries},
                 "relaxed": {
-                    name: [_relaxed_row(row) for row in rows]
-                    for name, rows in comparison.relaxed.items()
+                    name: [asdict(row) for row in rows] for name, rows in comparison.relaxed.items()
                 },
                 "certified": [asdict(bound) for bound in comparison.certified],
                 "mission": None if comparison.mission is None else comparison.mission.to_json(),
@@ -480,20 +479,3 @@ def _starts(entry: Entry) -> Iterator[dict[str, Any]]:
         else:
             row["errors"] = {name: float(error[k]) for name, error in entry.errors.items()}
         yield row
-
-
-def _relaxed_row(row: Relaxed) -> dict[str, Any]:
-    """A relaxed optimum as data, in SI units; NaN where it was not flown."""
-    return {
-        key: getattr(row, key)
-        for key in (
-            "start",
-            "status",
-            "arrival",
-            "settling",
-            "thrust",
-            "total",
-            "replay_error",
-            "seconds",
-        )
-    }
