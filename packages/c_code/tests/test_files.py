@@ -309,8 +309,8 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
     assert found[30] == UNTRIED
     state[1 + 3] = np.nan
     agent.memory[0, 3] = np.nan
-    assert code.rans_agent_act(pointer(state), pointer(rows[40].copy()), pointer(command)) == 4
-    np.testing.assert_array_equal(command, agent.act(rows[40]))
+    assert code.rans_agent_act(pointer(state), pointer(rows[39].copy()), pointer(command)) == 4
+    np.testing.assert_array_equal(command, agent.act(rows[39]))
     assert agent.note == "the memory was not finite and is forgotten."
     np.testing.assert_allclose(state[1 : 1 + memory], agent.memory[0], rtol=0, atol=1e-6)
 
