@@ -323,7 +323,7 @@ def write_json(file: Path, value: Any, beside: Iterable[str] | None = None) -> N
     """
     if beside is not None and file.is_file() and not file.is_symlink():
         command = before = _command(value)
-        with contextlib.suppress(ConfigError):  # damaged
+        with contextlib.suppress(ConfigError, AttributeError):  # damaged
             before = _command(read_json(file))
         if before != command:
             set_aside(file, beside)
@@ -353,9 +353,7 @@ def set_aside(file: Path, beside: Iterable[str] = ()) -> None:
 
 def _command(results: Any) -> str:
     """The command that results name as their maker; empty: none."""
-    parts = (results, results.get("about")) if isinstance(results, dict) else ()
-    commands = [part.get("command") for part in parts if isinstance(part, dict)]
-    return next((command for command in commands if isinstance(command, str)), "")
+    return str(results.get("about", results).get("command", ""))
 
 
 def plain(value: Any) -> Any:

@@ -717,10 +717,9 @@ class Newest(GreedyController):
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
-            table = None
-            with suppress(ConfigError):
-                table = read_json(file)
-            is_value = isinstance(table, dict) and table.get("algorithm") == "value"
+            is_value = False
+            with suppress(ConfigError, AttributeError):
+                is_value = read_json(file).get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()
                 fits = (

@@ -84,8 +84,6 @@ class ConvexGuidance(ModelBased):
     ) -> None:
         super().__init__(craft, task, timing)
         self._plans: list[_Plan | None] = []
-        self.failures = 0
-        """Number of times that no plan was found."""
         self._mission = OrbitalMission.expected(
             self._task, "convex guidance flies missions on an orbit"
         )
@@ -176,7 +174,6 @@ class ConvexGuidance(ModelBased):
                 answer = rendezvous(meeting, relative_state, left)
                 transfer = answer.transfer or answer.free
         except SolverFailed:
-            self.failures += 1
             return None
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
 

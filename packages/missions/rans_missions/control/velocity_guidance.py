@@ -62,8 +62,8 @@ class VelocityGuidance(ModelBased, ABC, Generic[Mission]):
     @cached_property
     def _most(self) -> float:
         """Change of velocity that a control period can give along every axis of B, either way, m/s."""
-        forces = np.array([x.force * np.array(x.direction) for x in self.craft.thrusters])
-        either_way = np.maximum(forces, 0.0).sum(axis=0), np.maximum(-forces, 0.0).sum(axis=0)
+        forces = self.craft.wrenches[:, :3]
+        either_way = forces.clip(0.0).sum(axis=0), (-forces).clip(0.0).sum(axis=0)
         return float(np.min(either_way)) * self._period / self.craft.mass
 
     def reset(self, count: int) -> None:
