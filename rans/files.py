@@ -347,7 +347,7 @@ def set_aside(file: Path, beside: Iterable[str] = ()) -> None:
     for name in names.union(beside):
         with contextlib.suppress(FileNotFoundError):  # another process was faster
             (file.parent / name).replace(folder / name)
-    said = f"{file} was of another command; its results are now in {folder}."
+    said = f"{file} was there already; the earlier results are now in {folder}."
     warnings.warn(said, RansWarning, stacklevel=2)
 
 

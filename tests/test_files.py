@@ -219,13 +219,19 @@ def test_results_of_another_command_are_kept(tmp_path):
     file = tmp_path / "compare.json"
     for name in ("compare.html", "compare-bounds.json", "episodes.npz"):
         (tmp_path / name).touch()
+    (tmp_path / "stress").mkdir()
     for value in ({"command": "first"}, {"about": {"command": "first"}, "again": True}):
         write_json(file, value, beside=())
     with pytest.warns(RansWarning, match="earlier"):
-        write_json(file, {"command": "second"}, beside=["episodes.npz", "none"])
+        write_json(file, {"command": "second"}, beside=["episodes.npz", "none", "stress"])
     [kept] = (tmp_path / "earlier").iterdir()
     assert read_json(kept / "compare.json")["again"]
-    assert {one.name for one in kept.iterdir()} == {"compare.html", "compare.json", "episodes.npz"}
+    assert {one.name for one in kept.iterdir()} == {
+        "compare.html",
+        "compare.json",
+        "episodes.npz",
+        "stress",
+    }
     file.write_text("damaged")
     write_json(file, {"command": "third"}, beside=())
 

@@ -139,9 +139,9 @@ class Seen(NamedTuple):
     error: Sequence[Field]
     """Vector to the goal, m."""
     cosine: Field
-    """Of the angle to the goal's attitude."""
+    """Cosine of the angle to the goal's attitude."""
     sines: Sequence[Field]
-    """Its sine times the axis."""
+    """Sine of the angle to the goal's attitude, times the axis of that turn."""
     velocity: Sequence[Field]
     """Relative to the goal, m/s."""
     spin: Sequence[Field]

@@ -184,10 +184,10 @@ class Guessing:
     name = "guessing"
     observes = False
 
-    def __init__(self, belief: Belief, problem: PoseProblem, told: Any) -> None:
+    def __init__(self, belief: Belief, problem: PoseProblem, report: Any) -> None:
         self.belief = belief
         self.problem = problem
-        self.told = told
+        self.report = report
 
     def reset(self, count):
         self.belief.reset(count)
@@ -195,7 +195,7 @@ class Guessing:
     def act(self, state, goal, observation):
         like = torch.zeros((), dtype=torch.float64)
         self.belief.read(self.problem.frame.relative(state, goal, like))
-        self.told(self.belief._estimate)
+        self.report(self.belief._estimate)
         slows = torch.tensor([-copysign(1.0, column[2]) for column in PLATFORM.wrench_map])
         likely = 0.25 + 0.15 * torch.as_tensor(state.w)[:, None] * slows
         command = (torch.rand(64, 8) < likely).float()
@@ -207,14 +207,14 @@ class Guessing:
 def test_flights_tell_what_conditions_drew(conditions):
     """Motion by the engine, and what an episode drew: the estimates come near to both."""
     made = learner()
-    told: list[Tensor] = []
+    estimates: list[Tensor] = []
     belief = Belief(made.problem, made.average, conditions, 50)
     setup = Setup(PLATFORM, TASK, Timing(episode_steps=50), conditions)
     torch.manual_seed(0)
-    flight = fly_episodes(Guessing(belief, made.problem, told.append), setup, 0, 64)
+    flight = fly_episodes(Guessing(belief, made.problem, estimates.append), setup, 0, 64)
     like = torch.zeros((), dtype=torch.float64)
     true = made.problem.frame.relative(flight.states, flight.goals, like)[:6, 30:-1]
-    found = torch.stack(told, dim=1)
+    found = torch.stack(estimates, dim=1)
     error = found[:6, 30:] - true
     error[2] = wrap(error[2])
     noise = torch.tensor([0.005, 0.005, 0.0087, 0.01, 0.01, 0.0087])
@@ -237,8 +237,8 @@ def test_the_weights_that_ship_hold_the_pose_under_conditions():
 def test_a_comparison_tells_it_the_conditions():
     name = "value:go-to-pose-priced-2d@floating-platform#0.5"
     contest = contest_of(name, 2, conditions=LAB)
-    told: Any = enlist(name, contest).controller
-    assert told._agent._belief is not None
+    agent: Any = enlist(name, contest).controller
+    assert agent._agent._belief is not None
 
 
 @pytest.mark.slow

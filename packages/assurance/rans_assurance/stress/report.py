@@ -62,7 +62,7 @@ class StressReport:
 
     def write(self) -> None:
         """Write stress.json and a file of conditions for every scenario."""
-        write_json(self.folder / "stress.json", self.to_json(), beside=())
+        write_json(self.folder / "stress.json", self.to_json(), beside=["stress"])
         for level in self.stress.levels:
             if self._file(level):
                 text = f"# {level.name}: see stress.json\n{conditions_text(level.conditions)}"
