@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from functools import cached_property, wraps
 from importlib import resources
-from importlib.metadata import Distribution, EntryPoint, distributions
+from importlib.metadata import Distribution, EntryPoint, distribution, distributions
 from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any, Concatenate, ParamSpec, TypeVar
@@ -371,8 +371,11 @@ def _entry_points(group: str) -> list[EntryPoint]:
     points: dict[str, list[EntryPoint]] = {}
     for package in distributions():
         try:
-            if own := chosen(package):  # to read the name of every package takes ten times as long
-                points.setdefault(package.name, own)
+            if chosen(package):  # to read the name of every package takes ten times as long
+                first = distribution(
+                    package.name
+                )  # a stale one further on the path counts for nothing
+                points.setdefault(first.name, chosen(first))
         except Exception as error:  # metadata of other packages may hold anything
             points[package.name] = []
             if f"[{group}" in (package.read_text("entry_points.txt") or ""):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import shutil
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -118,6 +119,15 @@ def test_a_line_without_an_equals_sign_or_a_name_breaks_no_other_package(line, i
     (tmp_path / "careless-1.0.dist-info/entry_points.txt").write_text(f"[numbers]\n{line}\n")
     with pytest.warns(UserWarning, match="entry points of the package careless cannot be read"):
         assert list(registry()) == ["byte", "seven"]
+
+
+def test_of_two_distributions_of_one_name_the_first_counts(install, tmp_path, monkeypatch):
+    install("twice", old="twice:number")
+    info = tmp_path / "twice-1.0.dist-info"
+    shutil.copytree(info, tmp_path / "later" / info.name)
+    monkeypatch.setattr(sys, "path", [*sys.path, str(tmp_path / "later")])
+    (info / "entry_points.txt").write_text("[others]\nnew = twice:number\n")
+    assert [*registry()] == ["byte"]
 
 
 def test_two_packages_with_one_name_are_named_and_none_replaces_what_is_built_in(install):

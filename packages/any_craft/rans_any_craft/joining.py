@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans.api.drafting import Draft
-from rans.extend import ConfigError, Spacecraft, brief, load_spacecraft
+from rans.extend import ConfigError, Spacecraft, brief, counted, load_spacecraft
 
 
 class Lump(NamedTuple):
@@ -160,7 +160,8 @@ def _numbers(values: object, count: int, what: str) -> np.ndarray:
     except (TypeError, ValueError):
         found = np.zeros(0)
     if found.shape != (count,) or not np.isfinite(found).all():
-        raise ConfigError(f"the {what} must be {count} finite numbers, got {brief(values)}.")
+        needed = counted(count, "finite number")
+        raise ConfigError(f"the {what} must be {needed}, got {brief(values)}.")
     return found
 
 

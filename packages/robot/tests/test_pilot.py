@@ -27,7 +27,7 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
-from rans_robot.bag import bag_entries
+from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import TEXT, text_message, unpack
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
@@ -180,8 +180,6 @@ def test_no_failing_disk_leaves_a_valve_open(robot, quick, tmp_path, monkeypatch
 
 def test_no_error_of_bookkeeping_skips_the_shut(quick, tmp_path, monkeypatch):
     """Should the recorder itself raise, at any of its calls, for good."""
-    from rans_robot.bag import Recorder
-
     opened = False
     for at in range(1, 40, 3):
         calls = 0
@@ -226,6 +224,13 @@ def test_a_bag_has_a_largest_size(quick, tmp_path, monkeypatch):
     assert [text for text in said if "the largest size" in text] != []
     again = replay_bag(bag)
     assert 0 < again.equal == again.decisions < report.decisions
+    # Of 30 messages of 125 bytes with what a bag adds, 20 are those 2500 bytes.
+    monkeypatch.setattr("rans_robot.bag.LARGEST_BAG", 2500)
+    recorder = Recorder(tmp_path / "small.mcap", {})
+    for _ in range(30):
+        recorder.write(BagMessage(0, "rans/end", TEXT, bytes(94)))
+    recorder.close()
+    assert len([*bag_entries(tmp_path / "small.mcap")]) == 20
 
 
 # Terminals, agents and buses
