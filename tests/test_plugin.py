@@ -9,7 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from rans_example.spacecraft import puck
 
+from rans.model.spacecraft_file import to_toml
 from tests.support.processes import ROOT, printed
 
 FLIER = "steer:keep-distance-2d@puck"
@@ -47,19 +49,25 @@ def rans(place: Path, *commands: str) -> list[str]:
 
 @pytest.mark.slow
 def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place):
-    listed, task, _, evaluated, compared, validated, _, _, reported = rans(
+    text = to_toml(puck()) + "\n[torquer]\naxis = [0.0, 0.0, 1.0]\ntorque = 0.02\ncharge = 5.0\n"
+    (place / "turned.toml").write_text(text.replace('"puck"', '"turned"'), "utf-8")
+    listed, task, _, _, evaluated, compared, least, validated, _, _, _, reported = rans(
         place,
         "list",
         "list keep-distance",
+        "train keep-distance --spacecraft turned.toml --device cpu --set total_timesteps=2000 "
+        "--set algorithm=a2c --output turned",
         "train keep-distance --spacecraft puck --device cpu --set total_timesteps=9000 --output keep",
         "evaluate keep --episodes 8 --engine both --conditions workshop",  # Drake judges it too
-        f"compare keep {FLIER} --with steer --certified 0 --episodes 8",
-        "validate puck --quick --layer thrusters",
+        f"compare keep {FLIER} --with steer optimal --certified 2 --episodes 8",
+        "least --episodes 2",
+        "validate turned.toml --quick --layer thrusters",  # and Drake's half of the torquer
+        "export keep --output outlined --format outline --episodes 8 --force",
         "export keep --output gift --episodes 8 --force",
         f"view gift {FLIER} --save page.html",
         "report keep",
     )
-    for name in ("keep-distance", "puck", "steer", "workshop"):
+    for name in ("keep-distance", "puck", "steer", "workshop", "a2c"):
         assert f"{name} (of rans-example)" in listed
     assert "rans/KeepDistance3D-v0" in task
 
@@ -68,9 +76,14 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place)
     assert config["settings"]["distance"] == 1.0
     assert 'name = "puck"' in (place / "keep" / "spacecraft.toml").read_text()
     assert (place / "keep" / "evaluation-workshop.json").exists()
-    summary = json.loads((place / "keep" / "compare.json").read_text())["summary"]
-    settled = {row["contestant"]: row for row in summary}
-    assert list(settled) == ["keep", "steer"]  # nobody flies twice
+    comparison = json.loads((place / "keep" / "compare.json").read_text())
+    names = [row["contestant"] for row in comparison["summary"]]
+    assert names[:2] == ["keep", "steer"]  # nobody flies twice
+    bounds = comparison["per_start"]["certified"]
+    assert [bound["kind"] for bound in bounds] == ["settling", "settling"]
+    for bound in bounds:
+        assert f"{bound['hull']:.2f} s" in least
+    assert "command (8)" in (place / "outlined" / "agent.outline").read_text()
     # A key metric stands in the short tables, and its section adds to what the core says of the file.
     assert "early duty" in evaluated
     assert "early duty, %" in compared

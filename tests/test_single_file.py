@@ -11,11 +11,12 @@ import pytest
 from tests.support.processes import ROOT, printed
 
 FOLDER = ROOT / "examples" / "single_file"
+PACKAGE = ROOT / "examples" / "plugin" / "rans_example"
 
 
-def ran(name: str, place: Path, *options: str) -> str:
+def ran(name: str, place: Path, *options: str, folder: Path = FOLDER) -> str:
     """What a copy of a file prints in an empty folder."""
-    (place / name).write_text((FOLDER / name).read_text())
+    (place / name).write_text((folder / name).read_text())
     return printed(name, *options, cwd=place)
 
 
@@ -46,7 +47,7 @@ def test_a_task_of_ones_own_is_learnt(tmp_path):
 
 @pytest.mark.slow
 def test_a_learner_of_ones_own_learns(tmp_path):
-    assert solved(ran("learner.py", tmp_path))[0] > 30.0
+    assert solved(ran("learner.py", tmp_path, folder=PACKAGE))[0] > 30.0
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def test_its_file_says_what_it_is():
     text = to_toml(TURNED_IN_SPACE)
     assert parse_spacecraft(text, "a file").further_effectors == TURNED_IN_SPACE.further_effectors
     assert "[[effector]]" not in to_toml(load_spacecraft("free-flyer"))
-    strange = text.replace("tests.support.torquer:Torquer", "tests.support.torquer:Other")
+    strange = text.replace("rans_example.motion:Torquer", "rans_example.motion:Other")
     with pytest.raises(ConfigError, match="would run that module's code"):
         parse_spacecraft(strange, "a file")
 

@@ -1,9 +1,10 @@
 """Stay at a distance from a point, anywhere around it."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from rans.extend import (
+    Drift,
     Field,
     ObservationTerm,
     Random,
@@ -16,6 +17,7 @@ from rans.extend import (
     nearness,
     speed,
 )
+from rans_example.motion import Bowl
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,15 @@ class KeepDistance(SingleTask):
     """Error that counts as reached, m."""
     fail_distance: float = 8.0
     """An episode fails beyond this distance, m."""
+    sag: float = 0.02
+    """Frequency at which a free craft swings about the origin of a table that sags by 0.3 mm at 4 m, rad/s."""
+    optimal_problem: ClassVar[str] = "keep-distance"
+    """Its bounds (entry point of the group rans.problems)."""
+
+    @property
+    def drift(self) -> Drift:
+        """Motion of a free point on the table."""
+        return Bowl(self.sag)
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start at rest around the goal, from which the point is at the distance along the x axis of W."""
