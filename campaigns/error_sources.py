@@ -14,7 +14,7 @@ import numpy as np
 from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock
 
-from campaigns.missions import least_impulses, of_first, row_of
+from campaigns.missions import least, of_first, row_of
 from campaigns.parts import in_parts
 from rans.episode import Setup
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, won
@@ -161,8 +161,7 @@ class DockErrors:
         deadline = 1000.0
         task: Any = Dock(deadline=(deadline, deadline)).for_evaluation()
         starts = scenarios(task, craft, self.seed, self.episodes)
-        few = scenarios(task, craft, self.seed, self.bounded)
-        bounds = least_impulses(Setup(craft, task, task.timing), few)
+        bounds = least(Setup(craft, task, task.timing), self.seed, self.bounded)
         lower = of_first(bounds, self.episodes)
         for name, (conditions, valves) in worlds().items():
             own = craft if valves is None else replace(craft, actuators=valves)

@@ -16,30 +16,24 @@ from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 import tyro
-from rans_missions.bounds.ports import least_to_dock
-from rans_missions.bounds.transfers import least_of_approaches, transfer_bounds
-from rans_missions.bounds.zones import least_to_stay
+from rans_missions.bounds.first_starts import mission_bounds
+from rans_missions.bounds.transfers import least_of_approaches
 from rans_missions.control.convex_guidance import ConvexGuidance
 from rans_missions.control.corridor import Corridor
 from rans_missions.control.mission_guidance import MissionGuidance
-from rans_missions.convex.inspection import inspection_bound
-from rans_missions.convex.landing import Descent, Lander, best_landing
-from rans_missions.tasks import Avoid, DockPort, FinalApproach, Inspect
-from rans_missions.tasks.land import Land
+from rans_missions.tasks import FinalApproach
 from rans_missions.tasks.orbital import OrbitalMission
 
 from rans.episode import Setup
-from rans.errors import SolverFailed
+from rans.evaluation.compare.contest import Contest
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import Controller, Flight, fly
-from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.model.timing import Timing
 from rans.optimal.control.lqr import LQR
 from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
-from rans.scenario import EVALUATION_SEED, Scenario, each, scenarios
+from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port", "final-approach"]
@@ -118,7 +112,7 @@ class Missions:
             starts = scenarios(task, craft, self.seed, self.episodes)
             few = scenarios(task, craft, self.seed, self.bounded)
             setup = Setup(craft, task, task.timing)
-            lower = of_first(least_impulses(setup, few), self.episodes)
+            lower = of_first(least(setup, self.seed, self.bounded), self.episodes)
             with warnings.catch_warnings():
                 # That they do not know the limits is what the table shows.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
@@ -166,22 +160,14 @@ class Missions:
 
     def _others(self) -> Iterator[dict[str, Any]]:
         """Missions without a deadline: every variant of the task, every agent."""
-        known: np.ndarray | None = None
         for spec in self._specs():
             run = contestant(spec)
             controller, craft, timing = run.controller, run.craft, run.timing
             task = run.task.for_evaluation()
-            lower = np.full(self.episodes, np.nan)
-            if task.optimal_problem == "landing":
-                known = self._least_propellant(craft, cast(Land, task)) if known is None else known
-                lower[: self.bounded] = known
             for condition, settings in _VARIED[self.mission].items():
                 varied: Any = replace(cast(Any, task), **settings)
-                if isinstance(varied, (Avoid, DockPort)):
-                    lower[: self.bounded] = _least_impulse(
-                        craft, varied, timing, self.seed, self.bounded
-                    )
                 setup = Setup(craft, varied, timing)
+                lower = of_first(least(setup, self.seed, self.bounded), self.episodes)
                 yield from self._flown(condition, spec, setup, controller, lower)
         if self.mission in _WITHOUT_TRAINING:
             yield from self._without_training()
@@ -195,32 +181,13 @@ class Missions:
         ):
             run = contestant(f"{spec}:{self.mission}-2d").guarded(filtered)
             craft, task, timing = run.craft, run.task.for_evaluation(), run.timing
-            assert isinstance(task, (Avoid, DockPort))
             starts = scenarios(task, craft, self.seed, count)
             with warnings.catch_warnings():
                 # The filter knows the limits that LQR does not.
                 warnings.filterwarnings("ignore", message=".* does not know the constraints .*")
                 flight = fly(craft, task, run.controller, starts, timing, guard=run.guard)
-            lower = _least_impulse(craft, task, timing, self.seed, self.bounded)
+            lower = least(Setup(craft, task, timing), self.seed, self.bounded)
             yield row_of(condition, who, flight, _spent(flight), lower)
-
-    def _least_propellant(self, craft: Spacecraft, task: Land) -> np.ndarray:
-        """Propellant below which nothing lands, kg, from each of the first starts.
-
-        It is of a craft that has to turn and whose engines are throttled one by one: the means of everybody here.
-        """
-        lander = Lander.of(craft, apart=True)
-        descent = Descent.of(task, craft=craft)
-        period = task.timing.control_period
-        times = period, period * task.timing.episode_steps
-        found = []
-        for one in each(scenarios(task, craft, self.seed, self.bounded)):
-            start = np.array(one.start.p.columns()), np.array(one.start.v.columns())
-            best = best_landing(lander, descent, start, period, "bound", times)
-            if best is None:
-                raise SolverFailed("a start of the evaluation has no landing.")
-            found.append(best.dual)
-        return np.array(found)
 
 
 def _mission_of(name: str) -> str:
@@ -228,37 +195,16 @@ def _mission_of(name: str) -> str:
     return name.partition("-2d")[0].partition("-3d")[0]
 
 
-@cache
-def _least_impulse(
-    craft: Spacecraft, task: Avoid | DockPort, timing: Timing, seed: int, count: int
-) -> np.ndarray:
-    """(count,) impulse below which the mission is not won from each of the first starts, N s."""
-    starts = scenarios(task, craft, seed, count)
-    return least_impulses(Setup(craft, task, timing), starts)
-
-
 def of_first(values: Any, count: int) -> np.ndarray:
     """(count,) values that are known of the first starts alone; NaN: not known."""
     return np.pad(values, (0, count - len(values)), constant_values=np.nan)
 
 
-def least_impulses(setup: Setup, starts: Scenario) -> np.ndarray:
-    """(N,) impulse below which the mission is not won from each start, by its deadline if it has one, N s."""
-    craft, task, timing = setup[:3]
-    if isinstance(task, OrbitalMission):
-        deadline = task.deadline[1]
-        return transfer_bounds(craft, task, starts, deadline)
-    found = []
-    for start in each(starts):
-        one: Any = start
-        if isinstance(task, Inspect):
-            end = timing.control_period * timing.episode_steps
-            found.append(inspection_bound(craft, task, one.start, one.goal, end, timing))
-        elif isinstance(task, DockPort):
-            found.append(least_to_dock(craft, task, one, timing))
-        elif isinstance(task, Avoid):
-            found.append(least_to_stay(craft, task, one, timing))
-    return np.array(found)
+@cache
+def least(setup: Setup, seed: int, count: int) -> np.ndarray:
+    """(count,) what no success spends less of, from each of the first starts: N s, of landings kg of propellant."""
+    contest = Contest(setup.craft, setup.task, setup.timing, seed, count)
+    return list(mission_bounds(contest, count))[-1].lower
 
 
 def _spent(flight: Flight) -> np.ndarray:

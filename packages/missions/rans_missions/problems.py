@@ -107,5 +107,7 @@ LANDING = Problem(bounded, add_bounds, ("optimal",), landings)
 """The least propellant of a landing."""
 INSPECTION = Problem(bounded, add_bounds, ("circumnavigation", "optimal"))
 """A lower bound of the impulse of an inspection; no optimum is known."""
+AMONG = Problem(bounded, add_bounds)
+"""A lower bound of the impulse of a flight among keep-out zones, or to a port; optima are trajectories."""
 APPROACH = Problem(bounded, add_bounds, ("corridor", "optimal"), transfers)
 """The least impulse of a flight through the corridor of a port."""

@@ -25,6 +25,7 @@ from rans.evaluation.measure.metrics import (
     returns,
     settling_times,
     staying_times,
+    won,
 )
 from rans.flight import Controller, Flight
 from rans.model.fields import map_leaves
@@ -168,14 +169,12 @@ class Entry:
 
     @cached_property
     def won(self) -> np.ndarray:
-        """(N,) whether each flight of a mission that ends succeeded without breaking a limit."""
-        done = self.flight.done
-        assert done is not None
-        return done & ~self.flight.violated()
+        """(N,) whether each flight succeeded without breaking a limit."""
+        return won(self.flight)
 
     @cached_property
     def success(self) -> np.ndarray:
-        """Time at which each of these flights succeeded, (N,) s; infinite if it did not."""
+        """Time at which each flight of a mission that ends succeeded, (N,) s; infinite if it did not."""
         assert self.flight.lengths is not None
         return np.where(self.won, self.flight.lengths * self._period, np.inf)
 

@@ -79,9 +79,14 @@ def scores(
 ) -> Scores:
     """Medians where a flight may never get there, means elsewhere; for the optimum see `best_returns`."""
     if entry.ends:
-        result = _mission_scores(entry, bootstrap, mission)
+        result = _mission_scores(entry, bootstrap)
     else:
         result = _goal_scores(entry, bootstrap)
+    if mission is not None:
+        ratios = mission.ratios(entry)
+        result[f"{mission.spending} over the bound"] = _mean(ratios)
+        worst = float(ratios.max(initial=-math.inf)) if len(ratios) else math.nan
+        result[f"{mission.spending} over the bound, worst"] = Estimate(worst, worst, worst)
     if optimum is not None:
         solved = np.isfinite(optimum)
         ratio = Bootstrap(int(solved.sum())).ratio(entry.returns[solved], optimum[solved])
@@ -89,18 +94,13 @@ def scores(
     return result
 
 
-def _mission_scores(entry: Entry, bootstrap: Bootstrap, mission: Spending | None) -> Scores:
+def _mission_scores(entry: Entry, bootstrap: Bootstrap) -> Scores:
     """Scores of a mission, without errors at the end, because its flights end at different times."""
     result = {"mission won, %": share(entry.won).scaled(100.0), **_broken(entry)}
     result |= _further_scores(entry, bootstrap)
     result["time of success, s"] = bootstrap.median(entry.success)
     spent = entry.thrust[entry.won]
     result["impulse of successes, N s"] = _mean(spent)
-    if mission is not None:
-        ratios = mission.ratios(entry)
-        result[f"{mission.spending} over the bound"] = _mean(ratios)
-        worst = float(ratios.max(initial=-math.inf)) if len(ratios) else math.nan
-        result[f"{mission.spending} over the bound, worst"] = Estimate(worst, worst, worst)
     result[_IMPULSE] = bootstrap.mean(entry.thrust)
     return result
 

@@ -1,4 +1,4 @@
-"""Bounds of the first starts of a comparison, for every kind of mission: transfers, landings, inspections.
+"""Bounds of the first starts of a comparison, for every kind of mission.
 
 Bounds are proven lower bounds in N s (kg for landings), and tests compare every flight with them.
 """
@@ -6,13 +6,25 @@ Bounds are proven lower bounds in N s (kg for landings), and tests compare every
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
 
-from rans.extend import Comparison, ConfigError, Contest, Progress, Stages, map_leaves, unseen
+from rans.extend import (
+    Comparison,
+    ConfigError,
+    Contest,
+    Progress,
+    Stages,
+    check_certifiable,
+    map_leaves,
+    unseen,
+)
 from rans_missions.bounds.mission_bounds import MissionBounds
+from rans_missions.bounds.ports import least_to_dock
+from rans_missions.bounds.zones import least_to_stay
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_of_mission
 from rans_missions.convex.inspection import inspection_bound
@@ -30,18 +42,11 @@ def bounded(contest: Contest) -> bool:
     Landings have them also with engines that are dead in every episode from the start.
     """
     conditions = contest.conditions
-    problem = contest.task.optimal_problem
-    if conditions is not None and not (problem == "landing" and conditions.only_dead):
+    is_landing = contest.task.optimal_problem == "landing"
+    if conditions is not None and not (is_landing and conditions.only_dead):
         return False
-    fits = {
-        "landing": lambda: Lander.of(contest.craft, _dead(contest), apart=True),
-        "approach": lambda: _at_port(contest, 0),
-        "rendezvous": lambda: _meeting(contest, 0),
-    }
-    if problem not in fits:
-        return problem == "inspection" and contest.craft.propellant is None
     try:
-        fits[problem]()
+        _question(contest, 0)
     except ConfigError:
         return False
     return True
@@ -65,9 +70,9 @@ def mission_bounds(
     lower: list[float] = []
     deadlines = None
     for k in range(min(count, contest.episodes)):
-        lower.append(_lower(contest, k))
+        lower.append(_question(contest, k)())
         if problem == "rendezvous":
-            deadlines = [_deadline(contest, i) for i in range(k + 1)]
+            deadlines = np.ravel(contest.starts.goal.notes.deadline)[: k + 1].tolist()
         progress(1)
         yield MissionBounds(np.array(lower), spending, deadlines)
 
@@ -86,51 +91,40 @@ def add_bounds(comparison: Comparison, certified: int, stages: Stages, **_: obje
             comparison.failures += found.impossible(comparison.entries)
 
 
-def _lower(contest: Contest, k: int) -> float:
-    """Lower bound of start number k, of a success by its deadline or the end of the episode.
+def _question(contest: Contest, k: int) -> Callable[[], float]:
+    """What finds the lower bound of start number k, of a success by its deadline or the end of the episode.
 
     N s, or kg of propellant for a landing; infinite if nothing succeeds.
+
+    Raises:
+        ConfigError: no bound covers this craft.
     """
+    craft = contest.craft
+    timing = contest.timing
     problem = contest.task.optimal_problem
     task: Any = contest.task
+    one: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
     if problem == "landing":
-        lander = Lander.of(contest.craft, _dead(contest), apart=True)
-        descent = Descent.of(task, craft=contest.craft)
-        scenario = contest.start(k)
-        start = numbers(scenario.start.p - scenario.goal.p), numbers(scenario.start.v)
-        period, times = contest.timing.control_period, (_SHORTEST, contest.duration)
-        best = best_landing(lander, descent, start, period, "bound", times)
-        return math.inf if best is None else best.dual
+        dead = () if contest.conditions is None else contest.conditions.dead
+        lander = Lander.of(craft, dead, apart=True)
+        return partial(_least_propellant, lander, Descent.of(task, craft=craft), one, contest)
     if problem == "approach":
-        return least_to_approach(_at_port(contest, k), state_of(contest.start(k)))[0]
+        port = PortMeeting.at_port(craft, task, timing, one.goal)
+        return lambda: least_to_approach(port, state_of(one))[0]
+    if problem == "rendezvous":
+        meeting = Meeting.of(craft, task, one.goal)
+        deadline = one.goal.notes.deadline
+        return partial(least_of_mission, meeting, state_of(one), deadline, task.stay_seconds)
+    check_certifiable(craft, wheels=True)
     if problem == "inspection":
-        one: Any = map_leaves(lambda x: float(np.squeeze(x)), contest.start(k))
-        return inspection_bound(
-            contest.craft, task, one.start, one.goal, contest.duration, contest.timing
-        )
-    return least_of_mission(
-        _meeting(contest, k),
-        state_of(contest.start(k)),
-        _deadline(contest, k),
-        task.stay_seconds,
-    )
+        return partial(inspection_bound, craft, task, one.start, one.goal, contest.duration, timing)
+    least = least_to_dock if problem == "port" else least_to_stay
+    return partial(least, craft, task, one, timing)
 
 
-def _dead(contest: Contest) -> tuple[int, ...]:
-    """Numbers of engines that are dead in every flight."""
-    return () if contest.conditions is None else contest.conditions.dead
-
-
-def _meeting(contest: Contest, k: int) -> Meeting:
-    task: Any = contest.task
-    return Meeting.of(contest.craft, task, contest.start(k).goal)
-
-
-def _at_port(contest: Contest, k: int) -> PortMeeting:
-    task: Any = contest.task
-    return PortMeeting.at_port(contest.craft, task, contest.timing, contest.start(k).goal)
-
-
-def _deadline(contest: Contest, k: int) -> float:
-    """Deadline of start number k, s: the first note of its goal is the time left until it."""
-    return float(np.squeeze(contest.start(k).goal.notes.deadline))
+def _least_propellant(lander: Lander, descent: Descent, one: Any, contest: Contest) -> float:
+    """Propellant below which nothing lands, kg; infinite if nothing does."""
+    start = numbers(one.start.p - one.goal.p), numbers(one.start.v)
+    times = _SHORTEST, contest.duration
+    best = best_landing(lander, descent, start, contest.timing.control_period, "bound", times)
+    return math.inf if best is None else best.dual

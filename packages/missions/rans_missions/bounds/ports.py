@@ -15,16 +15,16 @@ from rans_missions.vectors import numbers
 _SPANS = 20
 """Number of spans of an episode in which a craft may enter the cone of a port, or dock."""
 _CAP = 0.5
-"""Change of velocity beyond which bounds of docking at a port are not asked for, m/s."""
+"""Speed of flights that the spans bound, m/s; faster ones spend at least the mass times it."""
 
 
 def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:
-    """Impulse below which no flight docks at a port from a start at rest, N s; attitude and ball are left out.
+    """Impulse below which no flight docks at a port, N s; attitude and ball are left out.
 
     Before it docks, a flight enters the sphere of the cone's length around its apex through the cone's mouth.
     Spans of time are tried for both, and the least bound counts. A flight whose changes of velocity are less than
-    `_CAP` is no faster than that, so that at the first check behind the mouth it is near it; for all others the
-    bound is what such a change costs.
+    `_CAP` less the start's speed is no faster than `_CAP`, so that at the first check behind the mouth it is near
+    it; for all others the bound is what such a change costs.
     """
     start: Any = one.start
     goal: Any = one.goal
@@ -35,7 +35,7 @@ def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timi
     else:
         ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
     least = min(waypoints.least_impulse_through(craft, start, way) for way in ways)
-    return min(least, craft.mass * _CAP)
+    return max(0.0, min(least, craft.mass * (_CAP - float(np.linalg.norm(numbers(start.v))))))
 
 
 def port_waypoints(

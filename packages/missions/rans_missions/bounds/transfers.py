@@ -28,7 +28,6 @@ from rans.reference.flight import fly_in_drake
 from rans_missions.convex.approach import PortMeeting, flight_to_port, least_to_approach
 from rans_missions.convex.holding import (
     flight_that_holds,
-    least_of_mission,
     least_to_hold,
 )
 from rans_missions.convex.rendezvous import (
@@ -110,17 +109,6 @@ def least_of_approaches(
         return least_to_approach(meeting, state)[0], flight_to_port(meeting, state)
 
     return _flown(craft, task, starts, solved, progress)
-
-
-def transfer_bounds(
-    craft: Spacecraft, task: OrbitalMission, starts: Scenario, deadline: float
-) -> np.ndarray:
-    """Lower bounds (N,) of the least impulse of every start, N s; all have the same goal."""
-    every = list(each(starts))
-    meeting = Meeting.of(craft, task, every[0].goal)
-    return np.array(
-        [least_of_mission(meeting, state_of(one), deadline, task.stay_seconds) for one in every]
-    )
 
 
 def _flown(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import Spacecraft, State, check_certifiable, check_finite
+from rans.extend import Spacecraft, State
 from rans_missions.convex.cone_program import Rows
 
 _ROUNDING = 1e-9
@@ -45,16 +45,13 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     be anything between 0 and 1 that changes at any instant, and attitudes are free.
 
     Args:
-        craft: thrusters of any kind, with or without wheels, without propellant.
+        craft: one that `rans.extend.check_certifiable` passes, with or without wheels.
         start: of floats.
         waypoints: in the order of the instants.
 
     Raises:
-        ConfigError: no bound covers this craft, or the start is not finite.
         SolverFailed: the solver of cone programs ends without an answer.
     """
-    check_certifiable(craft, wheels=True)
-    check_finite(start, start)
     place, speed = (np.array(x.columns(), float) for x in (start.p, start.v))
     count, size = len(waypoints), len(place)
     spans = np.array([(point.first, point.last) for point in waypoints])

@@ -88,6 +88,7 @@ class Avoid(GoToPose):
     """Reward lost once when a zone is entered, which ends the episode."""
 
     goal_notes = Zones
+    optimal_problem = "zones"
     timing: ClassVar[Timing] = Timing(checks=4)
 
     def __post_init__(self) -> None:

@@ -109,6 +109,7 @@ class DockPort(SingleTask):
     fail_spin: float = 4.0
     """Angular rate beyond which an episode fails, rad/s."""
 
+    optimal_problem = "port"
     timing: ClassVar[Timing] = Timing(control_period=0.2, episode_steps=200, checks=4)
 
     def __post_init__(self) -> None:

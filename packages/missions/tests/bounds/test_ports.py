@@ -17,42 +17,27 @@ from rans.scenario import scenario
 PLATFORM = load_spacecraft("floating-platform")
 
 
-class Docking:
-    """A start of a mission whose port turns at a rate, degrees/s, in complex numbers."""
-
-    def __init__(self, rate: float, episode: int) -> None:
-        self.task = replace(DockPort(), port_rate=(math.radians(rate),) * 2)
-        self.one = scenario(self.task, 2, 7, episode)
-        start: Any = self.one.start
-        goal: Any = self.one.goal
-        self.start = complex(start.p.x, start.p.y)
-        self.spin = float(goal.w)
-        self.bearing = math.atan2(float(goal.p.y), float(goal.p.x))
-
-    def port(self, time: Any) -> Any:
-        """Where the docked position is at a time."""
-        return 0.65 * np.exp(1j * (self.bearing + self.spin * time))
-
-    def by_mouth(self, aside: np.ndarray, enter: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """A point of the cone's mouth at an angle, rad, and the velocity there from the start."""
-        mouth = (0.55 + np.exp(1j * aside)) * np.exp(1j * (self.bearing + self.spin * enter))
-        return mouth, (mouth - self.start) / enter
-
-
 @pytest.mark.parametrize(("rate", "episode"), [(0.0, 0), (15.0, 2)])
 def test_no_change_of_velocity_docks_below_the_bound(rate, episode):
     """From the start to a point of the cone's mouth at any instant, and from there to the port as it is later.
 
     The cheapest of many such flights is above the bound, and not far above it if the port is slow.
     """
-    docking = Docking(rate, episode)
-    bound = least_to_dock(PLATFORM, docking.task, docking.one, docking.task.timing)
+    task = replace(DockPort(), port_rate=(math.radians(rate),) * 2)
+    one: Any = scenario(task, 2, 7, episode)
+    bound = least_to_dock(PLATFORM, task, one, task.timing)
+    # Places are complex numbers.
+    at_first, goal = (complex(float(end.p.x), float(end.p.y)) for end in (one.start, one.goal))
     random = np.random.default_rng(episode)
     count = 200_000
     dock = random.uniform(2.0, 40.0, count)
     enter = dock * random.uniform(0.05, 1.0, count)
-    mouth, first = docking.by_mouth(np.radians(random.uniform(-30.0, 30.0, count)), enter)
-    second = (docking.port(dock) - mouth) / (dock - enter)
+    aside = np.radians(random.uniform(-30.0, 30.0, count))
+    spin = 1j * float(one.goal.w)
+    outwards = goal / abs(goal)
+    mouth = outwards * (0.55 + np.exp(1j * aside)) * np.exp(spin * enter)
+    first = (mouth - at_first) / enter
+    second = (goal * np.exp(spin * dock) - mouth) / (dock - enter)
     spent = PLATFORM.mass * (np.abs(first) + np.abs(second - first))
     # All who are within 2 cm of the port have docked.
     cheapest = float(spent.min())

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_missions.bounds.transfers import transfer_bounds
+from rans_missions.bounds.first_starts import mission_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance, _tightened
 from rans_missions.tasks import Dock
 
+from rans.evaluation.compare.contest import Contest
 from rans.evaluation.measure.metrics import impulses, won
 from rans.flight import fly
 from rans.model.fields import Vec2
@@ -40,8 +41,8 @@ def test_it_docks_below_the_speed_limit_near_the_bound():
     starts = scenarios(task, DEPUTY, 7, 4)
     kept = fly(DEPUTY, task, ConvexGuidance(DEPUTY, task), starts, task.timing)
     assert won(kept).all()
-    lower = transfer_bounds(DEPUTY, task, starts, 700.0)
-    ratios = impulses(kept) / lower
+    *_, bounds = mission_bounds(Contest(DEPUTY, task, task.timing, 7, 4), 4)
+    ratios = impulses(kept) / bounds.lower
     assert (ratios >= 1.0).all()
     assert ratios.mean() < 1.02
 
