@@ -33,7 +33,12 @@ AnyVector = TypeVar("AnyVector", Vec2, Vec3)
 
 
 class Drift(ABC):
-    """Motion of a free point; its parameters are the fields of the dataclass."""
+    """Motion of a free point; its parameters are the fields of the dataclass.
+
+    Derive a frozen dataclass with `name`, `in_straight_lines` and `carry`; where W turns with `turn` and `rate`,
+    and where the motion depends on when it begins with `steady` and `later`. A task's `drift` returns one. Drake
+    needs a half of its own (`rans.reference.frames.DrakeFrame`).
+    """
 
     name: ClassVar[str]
     """Name in messages."""

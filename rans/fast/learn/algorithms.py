@@ -27,6 +27,8 @@ class Algorithm(ABC):
 
     A class derived from it is registered by an entry point of the group ``rans.learners``, or by
     ``LEARNERS.register(NAME)`` in one process. ``rans train --set algorithm=NAME`` then uses it (docs/learners.md).
+    It must have `making`, and may have the others; the learner that is made has the members of
+    `rans.fast.learn.learner.Learner`.
     """
 
     settings: ClassVar[type] = NoSettings
