@@ -184,8 +184,8 @@ class Lock:
     """Lock file that one process holds at a time; it is released when the process ends.
 
     Args:
-        file: created when the lock is taken, and never written, replaced or removed, because the lock belongs to
-            the opened file and not to its name.
+        file: created when the lock is taken, and never written or replaced, because the lock belongs to the opened
+            file and not to its name; who removes it holds the lock.
     """
 
     def __init__(self, file: Path) -> None:
@@ -210,6 +210,8 @@ class Lock:
             raise ConfigError(f"cannot write {self._file}: {why_unwritten(error)}.") from error
         try:
             system.lock(self._held, wait=False)
+            if not os.fstat(self._held).st_nlink:  # its holder has just removed it
+                raise BlockingIOError
         except BlockingIOError:
             self.release()
             raise ConfigError(refusal) from None
@@ -254,6 +256,44 @@ def one_at_a_time(folder: Path) -> Iterator[None]:
         os.close(held)
 
 
+@contextlib.contextmanager
+def writing_at_end(write: Callable[[], object], file: Path | None = None) -> Iterator[None]:
+    """Context that writes results when it ends, also after an error or Ctrl-C.
+
+    Args:
+        write: writes them.
+        file: theirs, which only one process at a time writes; None: they are in none.
+
+    Raises:
+        ConfigError: another process writes the file, or its folder cannot be written.
+    """
+    with _alone(file) if file is not None else contextlib.nullcontext():
+        try:
+            yield
+        finally:
+            write()
+
+
+@contextlib.contextmanager
+def _alone(file: Path) -> Iterator[None]:
+    """Context of one process alone, for the same file; it leaves no lock behind, and no empty folders."""
+    missing = [parent for parent in file.parents if not parent.exists()]
+    path = file.with_name(f".{file.name}{LOCK}")
+    lock = Lock(path)
+    lock.take(
+        f"another process is flying for {file}, too: wait until it has ended, or write into another folder "
+        "(--output, where the command has it)."
+    )
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+            for parent in missing:
+                parent.rmdir()
+        lock.release()
+
+
 def distinct(name: str, content: str = "") -> str:
     """Unique part of a file name for a name.
 
@@ -291,17 +331,11 @@ def ready_folder(folder: Path) -> Path:
         ConfigError: the folder cannot be created, or nothing can be written there.
     """
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        ready = os.access(folder, os.W_OK | os.X_OK)
-        with contextlib.suppress(OSError):  # another process writes there
-            for parent in missing:  # work that fails leaves no empty folder
-                parent.rmdir()
-    except OSError as error:
-        reason = error.strerror or error
-        raise ConfigError(
-            f"cannot write into {folder}: {reason}; choose another folder."
-        ) from error
+    _make_folder(folder)
+    ready = os.access(folder, os.W_OK | os.X_OK)
+    with contextlib.suppress(OSError):  # another process writes there
+        for parent in missing:  # work that fails leaves no empty folder
+            parent.rmdir()
     if not ready:
         raise ConfigError(f"cannot write into {folder}: permission denied; choose another folder.")
     return folder

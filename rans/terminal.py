@@ -10,7 +10,7 @@ import os
 import threading
 import time
 import weakref
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
 from dataclasses import replace
@@ -298,15 +298,6 @@ def doing(what: str, in_log: bool = True) -> Iterator[None]:
         stage = stages(bars)(what, None) if in_log or not bars.disable else None
         yield
         del stage
-
-
-@contextmanager
-def writing_at_end(write: Callable[[], object]) -> Iterator[None]:
-    """Context that writes results when it ends, also after an error or Ctrl-C."""
-    try:
-        yield
-    finally:
-        write()
 
 
 def verdict(passed: bool) -> Text:

@@ -27,6 +27,7 @@ from rans.files import (
     replace_file,
     write_json,
     write_text,
+    writing_at_end,
 )
 from tests.support.processes import PATIENCE, ROOT, python
 
@@ -213,6 +214,17 @@ def test_json_has_texts_for_what_is_not_finite(tmp_path):
     assert [number(x) for x in read["a"]] == [far, -far, 1.5]
     assert number(read["e"]) == far
     assert math.isnan(number(read["b"][0]["c"]))
+
+
+def test_one_process_at_a_time_flies_for_a_file(tmp_path):
+    file = tmp_path / "new" / "compare.json"
+    for _ in range(2):
+        with (
+            writing_at_end(file.parent.stat, file),
+            pytest.raises(ConfigError, match="another process"),
+        ):
+            writing_at_end(tmp_path.stat, file).__enter__()
+        assert not file.parent.exists()
 
 
 def test_results_of_another_command_are_kept(tmp_path):

@@ -15,14 +15,13 @@ from rans.api.names import (
 from rans.api.states import WrittenEndpoints, is_written
 from rans.choices import EngineName, ProtocolName
 from rans.errors import ConfigError, RansWarning, brief, one_of, whole
-from rans.files import inside, ready_folder
+from rans.files import inside, ready_folder, writing_at_end
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.registry import typed
 from rans.scenario import EVALUATION_SEED, Endpoints
 from rans.settled import settled_alone
-from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.run import Comparison
@@ -47,16 +46,18 @@ def flown(
     engine: EngineName,
     first: int = 0,
     endpoints: Endpoints | None = None,
+    save: Callable[[Flight], object] = lambda flight: None,
 ) -> Flight:
     """Fly consecutive episodes of a seed, with progress.
 
-    With a start among the endpoints, and without conditions, one episode flies: all would be the same.
+    With a start among the endpoints, and without conditions, one episode flies: all would be the same. The first
+    episodes, as many as have ended, are given to ``save`` each minute, and at the end or after an interrupt.
 
     Raises:
         ConfigError: the engine does not exist, a number is out of its range, or start or goal is no state of the
             craft's dimension.
     """
-    from rans.evaluation.fly.episodes import fly_episodes
+    from rans.evaluation.fly.episodes import fly_episodes, so_far
     from rans.show.progress import watched
 
     one_of("engine", engine, get_args(EngineName))
@@ -64,7 +65,13 @@ def flown(
     first = whole("first", first, least=0)
     if endpoints is not None:
         count = endpoints.episodes(count, run.conditions)
-    with watched() as stage:
+    parts: dict[int, Flight] = {}
+
+    def keep() -> None:
+        if (ended := so_far(parts)) is not None:
+            save(ended)
+
+    with writing_at_end(keep), watched(keep) as stage:
         step = stage(f"{run.controller.name}, {engine} engine", count)
         flight = fly_episodes(
             run.controller,
@@ -75,6 +82,7 @@ def flown(
             progress=step,
             first=first,
             endpoints=endpoints,
+            parts=parts,
         )
     if flight.stopped:
         warnings.warn(
@@ -280,7 +288,7 @@ def compare(
     soon = 1 if slow and len(invited) == 1 else None
     now = dict([*flying.items()][:soon])
     later = {text: flying[text] for text in flying if text not in now}
-    with writing_at_end(end):
+    with writing_at_end(end, folder and folder / "compare.json"):
         try:
             with watched() as shown:
                 fly(now, quick, stages=shown)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
@@ -20,6 +21,7 @@ from rans.files import (
     inside,
     ready_folder,
     write_json,
+    writing_at_end,
 )
 from rans.registry import Registry
 from rans.terminal import Terminal, doing
@@ -91,18 +93,36 @@ class Evaluate(Options):
         """Evaluate the parsed agent on one task; returns whether the engines agree, if both are compared."""
         from rans.api.names import conditions_if_named
         from rans.evaluation.fly.contestants import contestant
-        from rans.evaluation.measure.aggregate import ROOM, measure
 
         run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
         run = run.under(conditions_if_named(self.conditions))
         run = run.guarded(self.guard)
-        name = self.agent
         if remark := getattr(run.controller, "remark", ""):
             Terminal().say(remark)
-        ready_folder(name.output_folder)
+        ready_folder(self.agent.output_folder)
         file = self._file(run)
-        # Fly, measure, print, write.
-        flights = self._fly(run)
+        own = own_endpoints(self.start, self.goal, self.zones)
+        engines: tuple[EngineName, ...] = get_args(EngineName)
+        # Flights by the engine that computed them, "fast" first; after an interrupt those that have ended.
+        flights: dict[str, Flight] = {}
+        passed = True
+
+        def end() -> None:
+            nonlocal passed
+            if flights:
+                passed = self._show(file, run, flights)
+
+        with writing_at_end(end, file):
+            for engine in engines:
+                if self.engine in (engine, "both"):
+                    save = partial(flights.__setitem__, engine)
+                    flown(run, self.episodes, self.seed, engine, endpoints=own, save=save)
+        return passed
+
+    def _show(self, file: Path, run: LoadedRun, flights: dict[str, Flight]) -> bool:
+        """Measure, print and write flights from the same starts; returns whether two engines agree."""
+        from rans.evaluation.measure.aggregate import ROOM, measure
+
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
         if run.conditions is not None:
@@ -111,7 +131,7 @@ class Evaluate(Options):
             console.table(metrics.table(console.width, self.full))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
-        if self.engine == "both":
+        if len({flight.commands.shape[1] for flight in flights.values()}) < len(flights):
             from rans.evaluation.measure.agreement import compare_engines
 
             comparison = compare_engines(flights["fast"], flights["drake"])
@@ -119,7 +139,7 @@ class Evaluate(Options):
             results["both"] = comparison.to_json()
             passed = comparison.passed
         solved = next(iter(measured.values()))["solved"].value
-        if text := name.shortfall(
+        if text := self.agent.shortfall(
             solved, run, self.conditions, self.changed("guard", "protocol", "period")
         ):
             Terminal().say(text)
@@ -128,16 +148,6 @@ class Evaluate(Options):
         written = self._write_files(file, flight)
         Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
         return passed
-
-    def _fly(self, run: LoadedRun) -> dict[str, Flight]:
-        """Flights from the same starts, by the engine that computed them; "fast" comes first."""
-        own = own_endpoints(self.start, self.goal, self.zones)
-        engines: tuple[EngineName, ...] = get_args(EngineName)
-        return {
-            engine: flown(run, self.episodes, self.seed, engine, endpoints=own)
-            for engine in engines
-            if self.engine in (engine, "both")
-        }
 
     def _write(
         self,
@@ -156,7 +166,8 @@ class Evaluate(Options):
         made = about(str(self.agent), run.judged, "rans.evaluate")
         beside = [f"episodes{suffix}.npz", f"episode{suffix}.svg"]
         beside += [f"{name}{suffix}" for name in FLIGHT_FILES]
-        write_json(file, results | {"conditions": self._conditions(run), "about": made}, beside)
+        conditions = self._conditions(run, flight.commands.shape[1])
+        write_json(file, results | {"conditions": conditions, "about": made}, beside)
         save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
         page = evaluation_page(measured, flight, command_line())
         page.write(inside(file.parent, f"evaluation{suffix}.html"))
@@ -204,12 +215,12 @@ class Evaluate(Options):
         changes = ", ".join(line for line in lines if line and not line.startswith("#"))
         return conditions.description or self.conditions or changes or "everything as designed"
 
-    def _conditions(self, run: LoadedRun) -> dict[str, Any]:
+    def _conditions(self, run: LoadedRun, episodes: int) -> dict[str, Any]:
         """Options that decide the results, for those who read their file."""
         options: dict[str, Any] = {
             "contestant": str(self.agent),
             "protocol": self.protocol,
-            "episodes": self.episodes,
+            "episodes": episodes,
             "seed": self.seed,
         }
         if self.period is not None:

@@ -11,6 +11,7 @@ import pytest
 from rans import MultiTask
 from rans.cli import main
 from rans.cli.evaluate import Evaluate
+from rans.evaluation.fly import episodes
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.show.pages.report import report_from_run
@@ -35,6 +36,23 @@ def test_both_engines(capsys, run_folder):
         written = json.loads((run_folder / f"{stem}.json").read_text())
         assert written.keys() == {engine, "conditions", "about"}
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
+
+
+def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, ran):
+    monkeypatch.setattr("rans.processes.processors", lambda: 1)
+    monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 2)
+    flies = episodes._Flyer.fly
+
+    def fly(self, seed, first, count):
+        if first == 4:
+            raise KeyboardInterrupt
+        return flies(self, seed, first, count)
+
+    monkeypatch.setattr(episodes._Flyer, "fly", fly)
+    text = ran("evaluate lqr:go-to-pose-2d --engine both --episodes 6", code=130)
+    assert "LQR: 4 episodes" in text
+    written = Path("runs/evaluations/lqr-go-to-pose-2d/evaluation.json")
+    assert json.loads(written.read_text())["conditions"]["episodes"] == 6
 
 
 def test_flights_too_many_to_keep_are_refused(ran):

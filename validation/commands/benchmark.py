@@ -12,9 +12,9 @@ from tyro.conf import arg
 from rans.api.names import load_spacecraft
 from rans.cli.door import Options, command_of, word
 from rans.errors import ConfigError
-from rans.files import command_line, environment, ready_folder, write_json
+from rans.files import command_line, environment, ready_folder, write_json, writing_at_end
 from rans.table import Table
-from rans.terminal import Terminal, writing_at_end
+from rans.terminal import Terminal
 from validation.functions import benchmark
 
 if TYPE_CHECKING:

@@ -24,9 +24,8 @@ from rans.extend import (
     load_spacecraft,
     whole,
 )
-from rans.files import made_by
+from rans.files import made_by, writing_at_end
 from rans.scenario import ASSURANCE_SEED
-from rans.terminal import writing_at_end
 
 if TYPE_CHECKING:
     from rans.extend import Metrics
@@ -112,7 +111,10 @@ def stress(
         if show is not None:
             show(report)
 
-    with writing_at_end(end), watched(save) as stage:
+    with (
+        writing_at_end(end, None if output is None else folder / "stress.json"),
+        watched(save) as stage,
+    ):
         planned.fly(stage, workers)
     return report
 
@@ -192,7 +194,7 @@ def assure(
         if show is not None and assurance.campaign.flights:
             show(assurance)
 
-    with writing_at_end(end), watched(save) as stage:
+    with writing_at_end(end, file), watched(save) as stage:
         assurance.fly(processor, stage)
         stage("failed flights again", None)
         assurance.replay(again)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import count, takewhile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,6 +37,7 @@ def fly_episodes(
     progress: Progress = unseen,
     first: int = 0,
     endpoints: Endpoints | None = None,
+    parts: dict[int, Flight] | None = None,
 ) -> Flight:
     """Fly consecutive episodes of a seed.
 
@@ -49,6 +52,7 @@ def fly_episodes(
         progress: reports episodes.
         first: number of the first episode.
         endpoints: start and goal of all episodes, of which only the conditions differ; None: sampled ones.
+        parts: receives flights as they end, for `so_far` after an interrupt.
 
     Raises:
         RansError: Drake refuses the mass properties, or a process died.
@@ -71,11 +75,19 @@ def fly_episodes(
         f"flew {controller.name}",
     )
     # Parts may end in any order.
-    parts: dict[int, Flight] = {}
+    parts = {} if parts is None else parts
     for number, part in pool.finished(_Flyer.fly, jobs):
         parts[number] = part
         progress(part.commands.shape[1])
-    return parts[0] if len(jobs) == 1 else _joined([parts[k] for k in range(len(jobs))])
+    flight = so_far(parts)
+    assert flight is not None
+    return flight
+
+
+def so_far(parts: Mapping[int, Flight]) -> Flight | None:
+    """The first episodes of `fly_episodes`, as many as have all ended; None: not even its first part has."""
+    first = [parts[k] for k in takewhile(parts.__contains__, count())]
+    return _joined(first) if len(first) > 1 else next(iter(first), None)
 
 
 class _Flyer(NamedTuple):
