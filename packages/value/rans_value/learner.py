@@ -527,16 +527,17 @@ class ValueLearner:
     def _imitate(self) -> Tensor:
         """Gradient steps of the policy on labels of the last iterations; returns the mean norm."""
         labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
-        count = self.settings.batch_size
         norms = []
         # The value function needs more bits of its inputs than gradients do.
         precision = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision("high")
-        for _ in range(10 * self._own.updates):
-            chosen = self._indices(len(labels[0]), count)
-            _put(self._batch, [x[chosen] for x in labels])
-            norms.append(self._descent().clone())
-        torch.set_float32_matmul_precision(precision)
+        try:
+            for _ in range(10 * self._own.updates):
+                chosen = self._indices(len(labels[0]), self.settings.batch_size)
+                _put(self._batch, [x[chosen] for x in labels])
+                norms.append(self._descent().clone())
+        finally:
+            torch.set_float32_matmul_precision(precision)
         return torch.stack(norms).mean()
 
     def _descend(self) -> Tensor:
