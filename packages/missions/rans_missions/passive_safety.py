@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import itertools
 import math
-from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import ClohessyWiltshire, Vec3
+from rans.extend import ClohessyWiltshire
+from rans_missions.orbits.linear import carried, held, transition
 
 PRECISION = 0.01
 """Largest error of a distance from line segments, m: a hundredth of the least position tolerance of a mission."""
@@ -60,12 +60,6 @@ class Pieces(NamedTuple):
     """(B,) number of the flight to which each family belongs."""
 
 
-@lru_cache(maxsize=4096)
-def transition(mean_motion: float, time: float) -> np.ndarray:
-    """Matrix (6, 6) from states to those after a time, s, by Clohessy-Wiltshire's equations."""
-    return carried(mean_motion, np.eye(6), np.full(6, time)).T
-
-
 def pieces_of_periods(
     mean_motion: float,
     before: np.ndarray,
@@ -88,15 +82,14 @@ def pieces_of_periods(
         scale: distance, m, a small part of which chords may be off by.
         flight: number of each period's flight.
     """
-    n = mean_motion
-    whole = transition(n, period)
+    drift = ClohessyWiltshire(mean_motion)
+    whole = transition(drift, period)
     # Constant acceleration a that changes the velocity as the thrust did: its response is that of a position.
     change = after - before @ whole.T
     acceleration = np.linalg.solve(whole[:3, 3:], change[:, 3:].T).T
     size = np.linalg.norm(acceleration, axis=1)
     uneven = (
-        np.linalg.norm(change[:, :3] - acceleration @ _position_response(n, period).T, axis=1)
-        > _EVEN
+        np.linalg.norm(change[:, :3] - acceleration @ held(drift, period)[:3].T, axis=1) > _EVEN
     )
     bent = _VELOCITY_RESPONSE * size * period**2 / 8.0
     parts = np.sqrt(np.where(uneven, 0.0, bent) / (_CHORD_PART * scale))
@@ -108,11 +101,9 @@ def pieces_of_periods(
         # States at which thrusters shut, and from where coasts through them would have started.
         coasts = [before[rows]]
         for instant in instants[1:-1]:
-            forced = np.concatenate(
-                [_position_response(n, instant), transition(n, instant)[:3, 3:]]
-            )
-            coasts.append(before[rows] + acceleration[rows] @ (transition(n, -instant) @ forced).T)
-        coasts.append(after[rows] @ transition(n, -period).T)
+            forced = transition(drift, -instant) @ held(drift, instant)
+            coasts.append(before[rows] + acceleration[rows] @ forced.T)
+        coasts.append(after[rows] @ transition(drift, -period).T)
         # Thrust of one direction, whenever it was, is at most twice as far from the chord as constant thrust is.
         error = np.where(uneven[rows], 2.0 * bent[rows], bent[rows] / count**2)
         for first, second in itertools.pairwise(coasts):
@@ -218,6 +209,7 @@ def _least_of_segments(
         asked: distance, m, on whose side the result of a flight must be; beyond it results are too large.
     """
     best = np.full(flights, np.inf)
+    drift = ClohessyWiltshire(n)
     bend = np.maximum(_bend(n, pieces.first), _bend(n, pieces.second))
     # Equal parts of every coast first.
     owner = np.repeat(np.arange(len(pieces.time)), intervals)
@@ -231,7 +223,7 @@ def _least_of_segments(
             who, begin, finish = owner[rows], start[rows], end[rows]
             middle = 0.5 * (begin + finish)
             half = 0.5 * (finish - begin)
-            first, second = (carried(n, x[who], middle) for x in (pieces.first, pieces.second))
+            first, second = (carried(drift, x[who], middle) for x in (pieces.first, pieces.second))
             near = _nearest(first[:, :3], second[:, :3])
             distance = np.linalg.norm(near, axis=1)
             np.minimum.at(best, pieces.flight[who], distance - pieces.error[who])
@@ -258,23 +250,6 @@ def _least_of_segments(
     return best
 
 
-def pushed(mean_motion: float, states: np.ndarray, push: np.ndarray, time: float) -> np.ndarray:
-    """States (B, 6) after a time, s, under constant accelerations (B, 3) in W, m/s^2."""
-    whole = transition(mean_motion, time)
-    forced = np.concatenate([_position_response(mean_motion, time), whole[:3, 3:]])
-    return states @ whole.T + push @ forced.T
-
-
-def _position_response(n: float, time: float) -> np.ndarray:
-    """Matrix (3, 3) of the position after a time, s, by a constant acceleration of 1 m/s^2 along each axis."""
-    s, rise, angle = math.sin(n * time), 2.0 * math.sin(0.5 * n * time) ** 2, n * time
-    sideways = 2.0 * (angle - s) / n**2
-    along = 4.0 * rise / n**2 - 1.5 * time**2
-    return np.array(
-        [[rise / n**2, sideways, 0.0], [-sideways, along, 0.0], [0.0, 0.0, rise / n**2]]
-    )
-
-
 def _bend(n: float, states: np.ndarray) -> np.ndarray:
     """Upper bound (B,) of the acceleration on coasts from states (B, 6), m/s^2.
 
@@ -283,13 +258,6 @@ def _bend(n: float, states: np.ndarray) -> np.ndarray:
     x, _, z, u, v, w = states.T
     radial = np.hypot(3.0 * x + 2.0 * v / n, u / n)
     return n**2 * np.sqrt(4.0 * radial**2 + z**2 + (w / n) ** 2)
-
-
-def carried(n: float, states: np.ndarray, times: np.ndarray) -> np.ndarray:
-    """States (B, 6) after times (B,)."""
-    x, y, z, u, v, w = states.T
-    p, q = ClohessyWiltshire(n).carry(Vec3(x, y, z), Vec3(u, v, w), times)
-    return np.stack([*p.columns(), *q.columns()], axis=1)
 
 
 def _nearest(first: np.ndarray, second: np.ndarray) -> np.ndarray:

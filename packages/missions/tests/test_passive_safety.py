@@ -7,17 +7,19 @@ import math
 
 import numpy as np
 import pytest
+from rans_missions.orbits.linear import carried
 from rans_missions.passive_safety import (
     PRECISION,
     Pieces,
     _bend,
-    carried,
     keep_away,
     least_distances,
     pieces_of_periods,
     single_coasts,
 )
 from scipy.integrate import solve_ivp
+
+from rans.extend import ClohessyWiltshire
 
 N = 1.1e-3
 ORBIT = 2.0 * math.pi / N
@@ -131,7 +133,7 @@ def test_the_bend_of_a_coast_bounds_its_acceleration():
     states = random.normal(size=(50, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
     most = np.zeros(50)
     for time in np.linspace(0.0, ORBIT, 400):
-        now = carried(N, states, np.full(50, time))
+        now = carried(ClohessyWiltshire(N), states, time)
         most = np.maximum(most, np.linalg.norm(hill(now.T, np.zeros((3, 1)))[3:], axis=0))
     bend = _bend(N, states)
     assert (most <= bend * (1.0 + 1e-9)).all()

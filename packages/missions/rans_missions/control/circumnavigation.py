@@ -16,7 +16,7 @@ from rans.extend import ConfigError, Spacecraft, Task, Timing, Vec3, map_leaves
 from rans_missions.control.afterwards import Afterwards
 from rans_missions.control.velocity_guidance import TRIM, PlannedBurns, VelocityGuidance
 from rans_missions.convex.inspecting import BESIDE, Burns, InspectionSearch
-from rans_missions.passive_safety import carried
+from rans_missions.orbits.linear import carried
 from rans_missions.tasks.hold import Hold, HoldPlan
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.team.coasts import coasts_apart
@@ -210,7 +210,7 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         after = []
         for period, changes in zip(burns.periods, np.moveaxis(burns.changes, 1, 0), strict=True):
             middle = self._period * (period + 0.5)
-            states = carried(self.task.mean_motion, states, np.full(len(starts), middle - last))
+            states = carried(self.task.drift, states, middle - last)
             states = states + np.pad(changes, ((0, 0), (3, 0)))
             after.append(states)
             last = middle

@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_are
 
 from rans.extend import leaves
 from rans_missions.control.velocity_guidance import VelocityGuidance
-from rans_missions.passive_safety import pushed, transition
+from rans_missions.orbits.linear import held, transition
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.vectors import motion_of
 
@@ -59,9 +59,8 @@ class Corridor(VelocityGuidance[FinalApproach]):
         self._past = np.zeros(1)
         """Speed of every reference towards its port in the last period, (N,), m/s."""
         # Motion over a control period, and what a change of velocity that is spread over it adds.
-        n, period = self.task.mean_motion, self._period
-        self._a = transition(n, period)
-        self._b = pushed(n, np.zeros((3, 6)), np.eye(3) / period, period).T
+        self._a = transition(self.task.drift, self._period)
+        self._b = held(self.task.drift, self._period) / self._period
         gain = self._b.T @ solve_discrete_are(self._a, self._b, _WEIGHTS, _PRICE)
         self._gain = np.linalg.solve(_PRICE + gain @ self._b, gain @ self._a)
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from rans.extend import Drift, Vec2, Vec3
+from rans.extend import Drift
 from rans.model.drift import steady
+from rans_missions.orbits.linear import transition
 
 STEADY_TIME = 6000.0
 """Time in which an unknown acceleration becomes another one, s: about that of a low orbit."""
@@ -43,19 +43,14 @@ class NavigationFilter:
         burns: float,
         acceleration: float = 0.0,
     ) -> None:
-        # The drift is linear: its transition is what becomes of the unit vectors.
-        vector: Any = Vec2 if dimension == 2 else Vec3
         d = dimension
-        basis = np.eye(2 * d)
         steady(drift, "a navigation filter computes its matrix once")
         half = 0.5 * period
-        p, v = drift.carry(vector(*basis[:d]), vector(*basis[d:]), half)
-        motion = [np.broadcast_to(x, 2 * d) for x in (*p.columns(), *v.columns())]
         keeps = math.exp(-half / STEADY_TIME)
         # The drift changes little in half a period, and what an acceleration does with it.
         self._half = np.block(
             [
-                [np.array(motion), np.kron([[0.5 * half**2], [half]], np.eye(d))],
+                [transition(drift, half, d), np.kron([[0.5 * half**2], [half]], np.eye(d))],
                 [np.zeros((d, 2 * d)), keeps * np.eye(d)],
             ]
         )

@@ -14,15 +14,14 @@ import numpy as np
 from rans.extend import Vec3
 from rans_missions.control.velocity_guidance import VelocityGuidance
 from rans_missions.guidance.staying import circling
+from rans_missions.orbits.linear import carried, pushed
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.passive_safety import (
     Pieces,
-    carried,
     coasts_of_flights,
     joined,
     keep_away,
     least_distances,
-    pushed,
     single_coasts,
 )
 from rans_missions.tasks.hold import Hold
@@ -162,7 +161,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
         to_target = self._change_to_coast(states, target, end, now)
         # After the last burn the craft stays on the closed ellipse around the hold point.
         n = self.task.mean_motion
-        middle = carried(n, states, np.full(len(states), 0.5 * self._period))
+        middle = carried(self.task.drift, states, 0.5 * self._period)
         offset = middle[:, :3] - goals
         around = np.stack(circling(n, Vec3(*offset.T)).columns(), axis=1)
         coasting = (begun > 0) & (begun <= coasts)
@@ -231,7 +230,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
         changes = []
         for step in range(steps):
             changes.append(self._change_by_plans(plans, states[-1], goals, step * period))
-            states.append(pushed(n, states[-1], changes[-1] / period, period))
+            states.append(pushed(self.task.drift, states[-1], changes[-1] / period, period))
         return coasts_of_flights(
             n,
             np.array(states),
@@ -258,17 +257,17 @@ class PassiveApproach(VelocityGuidance[Hold]):
         """
         times = self._sampled_times(random, legs, count, deadline)
         points = _sampled_points(random, legs, count, start[:3], goal)
-        n = self.task.mean_motion
+        drift = self.task.drift
         # Coasts between burns as impulses; the last burn leaves the craft at rest.
         before = np.tile([*goal, 0.0, 0.0, 0.0], (count, _MOST_LEGS + 1, 1))
         after = before.copy()
-        state = carried(n, np.tile(start, (count, 1)), times[:, 0])
+        state = carried(drift, np.tile(start, (count, 1)), times[:, 0])
         for j in range(legs):
             time = times[:, j + 1] - times[:, j]
             velocity = self._coast_velocity(state[:, :3], points[:, j], time)
             before[:, j] = state
             after[:, j] = np.concatenate([state[:, :3], velocity], axis=1)
-            state = carried(n, after[:, j], time)
+            state = carried(drift, after[:, j], time)
         before[:, legs] = state
         after[:, legs, :3] = state[:, :3]
         burns = np.abs(after - before)[:, : legs + 1, 3:]
@@ -333,7 +332,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
             now: beginning of the period, s.
         """
         half = 0.5 * self._period
-        middle = carried(self.task.mean_motion, states, np.full(len(states), half))
+        middle = carried(self.task.drift, states, half)
         left = np.maximum(ends - now - half, self._period)
         return self._coast_velocity(middle[:, :3], points, left) - middle[:, 3:]
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rans.extend import Drift, ModelBased, Spacecraft, Task, Timing, Vec3, map_leaves
 from rans_missions.control.tracking import Tracker
+from rans_missions.orbits.linear import carried
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks.final_approach import FinalApproach
 from rans_missions.tasks.inspect import Inspect
@@ -121,22 +122,17 @@ class PlannedBurns:
         """
         self._changes[rows] = 0.0
         self._changes[rows, periods] = changes
-        self._middle[rows] = self._carried(starts, 0.5 * self._period)
+        self._middle[rows] = carried(self._drift, starts, 0.5 * self._period)
 
     def change(self, states: np.ndarray) -> np.ndarray:
         """Changes of velocity in W of this control period, (N, 3) m/s, from states (N, 6); the next one follows."""
         planned = self._changes[:, 0]
-        away = self._carried(states, 0.5 * self._period) - self._middle
+        away = carried(self._drift, states, 0.5 * self._period) - self._middle
         back = velocity_to_reach(self._drift, Vec3(*away[:, :3].T), Vec3(0.0, 0.0, 0.0), _BACK)
         missing = components(back, len(away)) - away[:, 3:]
         corrects = np.linalg.norm(missing, axis=1, keepdims=True) > TRIM
         self._changes = np.roll(self._changes, -1, axis=1)
         self._changes[:, -1] = 0.0
         burnt = self._middle + np.pad(planned, ((0, 0), (3, 0)))
-        self._middle = self._carried(burnt, self._period)
+        self._middle = carried(self._drift, burnt, self._period)
         return planned + np.where(corrects, missing, 0.0)
-
-    def _carried(self, states: np.ndarray, time: float) -> np.ndarray:
-        """States (N, 6) after a time, s."""
-        p, v = self._drift.carry(Vec3(*states[:, :3].T), Vec3(*states[:, 3:].T), time)
-        return np.concatenate([components(x, len(states)) for x in (p, v)], axis=1)

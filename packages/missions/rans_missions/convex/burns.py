@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog
 
-from rans.extend import Drift, Vec3
-from rans_missions.vectors import components
+from rans.extend import Drift
+from rans_missions.orbits.linear import carried, transition
 
 _CUTS = 25
 """Times at which a program is solved again with the constraints that its flight breaks, at most."""
@@ -98,16 +98,14 @@ class Reach(NamedTuple):
 
         Burns are columns by slot and then by axis.
         """
-        p, v = (Vec3(*x.T[:, :, None]) for x in (starts[:, :3], starts[:, 3:]))
         since = np.maximum(times[:, None] - slots * period, 0.0)
         # During a burn as far as a constant thrust carries it until then, afterwards as an impulse in its middle.
         since = np.where(since < period, since**2 / (2.0 * period), since - 0.5 * period)
-        axes = [drift.kicked(Vec3(*row), since)[0] for row in np.eye(3)]
-        effect = np.stack([components(axis, since.shape) for axis in axes], axis=-1)
+        effect = transition(drift, since)[..., :3, 3:]
         return cls(
             slots,
             times,
-            components(drift.carry(p, v, times)[0], (len(starts), len(times))),
+            carried(drift, starts[:, None], times)[..., :3],
             np.ascontiguousarray(effect.transpose(0, 2, 1, 3)).reshape(len(times), 3, -1),
         )
 

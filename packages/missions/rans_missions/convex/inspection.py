@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from rans.extend import ClohessyWiltshire, ConfigError, Spacecraft, SpatialState, Timing, Vec3
+from rans.extend import ConfigError, Spacecraft, SpatialState, Timing, Vec3
+from rans_missions.orbits.linear import carried, transition
 from rans_missions.tasks.inspect import Inspect
-from rans_missions.vectors import components
+from rans_missions.vectors import components, motion_of
 
 _ROUNDING = 1e-9
 """Rounding of a share of points against its tolerance."""
@@ -72,12 +73,11 @@ def point_prices(
     normals = np.array(task.normals)
 
     # Where the craft coasts, and which points are in light.
-    p, _ = task.drift.carry(start.p, start.v, times)
-    free = components(p, len(times)) @ normals.T
+    free = carried(task.drift, motion_of(start), times)[:, :3] @ normals.T
     lit = sunlit(task, goal.notes.sun, times)
 
     # How far an impulse of 1 N s moves it along each normal, at best, in the time since the start.
-    along = np.einsum("ij,tjk->tik", normals, responses(task, times))
+    along = np.einsum("ij,tjk->tik", normals, transition(task.drift, times)[:, :3, 3:])
     best = np.maximum.accumulate(farthest(craft, thruster_pushes(craft, start), along), axis=0)
     best = np.where(best > 0.0, best + between_checks(task, step) / craft.mass, 0.0)
 
@@ -95,16 +95,6 @@ def sunlit(task: Inspect, sun: float, times: np.ndarray) -> np.ndarray:
         math.radians(task.light_degrees)
     )
     return lit
-
-
-def responses(task: Inspect, times: np.ndarray) -> np.ndarray:
-    """Positions a time (T,) after changes of velocity of 1 m/s along each axis, (T, 3, 3) s, the axis last."""
-    drift = ClohessyWiltshire(task.mean_motion)
-    nowhere = Vec3(0.0, 0.0, 0.0)
-    axes = [Vec3(*row) for row in np.eye(3)]
-    return np.stack(
-        [components(drift.carry(nowhere, axis, times)[0], len(times)) for axis in axes], 2
-    )
 
 
 def between_checks(task: Inspect, step: float) -> float:

@@ -40,8 +40,8 @@ from rans.extend import (
     leaves,
     map_leaves,
 )
-from rans.model.dynamics import RULES
 from rans_missions.convex.cone_program import ConeProgram, Rows
+from rans_missions.orbits.linear import held, transition
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 from rans_missions.vectors import numbers
 
@@ -113,42 +113,23 @@ class Meeting:
         return self.timing.control_period / self.timing.checks
 
     @cached_property
-    def _tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Free motion (L, 2 d, 2 d), offset (L, 2 d) and effect (L, 2 d, m) of a command, by its age in checks.
+    def _tables(self) -> tuple[np.ndarray, np.ndarray]:
+        """Free motion (L, 2 d, 2 d), and effect (L, 2 d, m) of a command, by its age in checks.
 
         A command that began so many checks ago has been held until now, or for its whole period.
         """
         size = len(self.point)
         times = self.interval * np.arange(self.timing.checks * self.timing.episode_steps + 1)
-        zero = np.zeros(2 * size)
-        offset = self._carried(zero, times)
-        unit = np.eye(2 * size)
-        free = np.stack([self._carried(x, times) - offset for x in unit], axis=2)
-        # A constant acceleration, by quadrature of what each instant of it does to the end.
-        held = np.zeros((len(times), 2 * size, size))
-        for node, weight in RULES[8]:
-            left = (1.0 - node) * times
-            pushed = [self._carried(x, left) - self._carried(zero, left) for x in unit[size:]]
-            held += weight * times[:, None, None] * np.stack(pushed, axis=2)
+        free = transition(self.drift, times, size)
+        effect = held(self.drift, times, size)
         per_period = self.timing.checks
         late = np.arange(per_period, len(times))
-        effect = held.copy()
-        effect[late] = free[late - per_period] @ held[per_period]
-        return free, offset, effect @ (self.forces / self.mass)
-
-    def _carried(self, state: np.ndarray, times: np.ndarray) -> np.ndarray:
-        """(L, 2 d) where a free point with this state (2 d,) is after each time."""
-        size = len(self.point)
-        vector: Any = Vec2 if size == 2 else Vec3
-        p, v = self.drift.carry(
-            vector(*map(float, state[:size])), vector(*map(float, state[size:])), times
-        )
-        return np.stack([x + 0.0 * times for x in (*p.columns(), *v.columns())], axis=1)
+        effect[late] = free[late - per_period] @ effect[per_period]
+        return free, effect @ (self.forces / self.mass)
 
     def free(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
         """States (L, 2 d) after so many checks without thrust, of a state (2 d,) at the start."""
-        free, offset, _ = self._tables
-        return free[checks] @ start + offset[checks]
+        return self.transition(checks) @ start
 
     def missed(self, start: np.ndarray, checks: np.ndarray) -> np.ndarray:
         """States (L, 2 d) relative to the point after so many checks without thrust, of a state at the start."""
@@ -158,19 +139,17 @@ class Meeting:
 
     def transition(self, checks: int | np.ndarray) -> np.ndarray:
         """(2 d, 2 d), or (L, 2 d, 2 d): what a difference of states becomes in so many checks without thrust."""
-        free, _, _ = self._tables
-        return free[checks]
+        return self._tables[0][checks]
 
     def effect(self, check: int, periods: int) -> np.ndarray:
         """(2 d, periods m): what the commands of the first periods have done by a check."""
-        _, _, effect = self._tables
+        _, effect = self._tables
         ages = np.maximum(check - self.timing.checks * np.arange(periods), 0)
         return np.moveaxis(effect[ages], 0, 1).reshape(effect.shape[1], -1)
 
     def response(self, period: int, last: int) -> np.ndarray:
         """(L, 2 d, m): what the command of a period has done by each check from its beginning to the last one."""
-        _, _, effect = self._tables
-        return effect[: last + 1 - period * self.timing.checks]
+        return self._tables[1][: last + 1 - period * self.timing.checks]
 
     def saved(self, multiplier: np.ndarray, last: int) -> np.ndarray:
         """(last + 1,) what commands may save in `proof`'s bounds by a multiplier (2 d,), N s, at most zero.
@@ -178,7 +157,7 @@ class Meeting:
         `proof` adds it to a bound: a number that is too low weakens the bound, and one that is too high makes it
         wrong.
         """
-        _, _, effect = self._tables
+        _, effect = self._tables
         # What commands of each age may save, added up over all that began before each check.
         saved = np.minimum(self.price + multiplier @ effect[: last + 1], 0.0).sum(axis=1)
         saved[0] = 0.0

@@ -15,12 +15,12 @@ from rans_missions.convex.inspection import (
     between_checks,
     farthest,
     point_prices,
-    responses,
     sunlit,
     thruster_pushes,
 )
+from rans_missions.orbits.linear import carried, transition
 from rans_missions.team.task import InspectTeam
-from rans_missions.vectors import components
+from rans_missions.vectors import motion_of
 
 _EVERY = 8
 """Checks of which one has a constraint of the zone, and on which proofs for points too are evaluated."""
@@ -160,9 +160,8 @@ class _Stay:
         self._far = task.fail_distance
         step = timing.control_period / timing.checks
         times = step * np.arange(math.floor(within / step + 1e-9) + 1)
-        p, _ = task.drift.carry(start.p, start.v, times)
-        self._free = components(p, len(times))
-        self._response = responses(task, times)
+        self._free = carried(task.drift, motion_of(start), times)[:, :3]
+        self._response = transition(task.drift, times)[:, :3, 3:]
         self._between = between_checks(task, step) / craft.mass
         self._normals = np.array(task.normals)
         self._missing = task.surface_distance - self._free @ self._normals.T
