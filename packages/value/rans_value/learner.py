@@ -24,7 +24,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.extend import (
     TASKS,
     Acted,
@@ -41,7 +40,6 @@ from rans.extend import (
     State,
     Timing,
     TrainConfig,
-    contestant,
     fused,
     read_json,
     remember,
@@ -58,10 +56,6 @@ _FLIGHTS = 6
 """Rounds of flights that are fitted together."""
 _BEGUN = 400
 """Gradient steps on the value function to begin with."""
-_FRUGALITIES = (0.0, 0.3, 0.5, 0.75, 1.0)
-"""Frugalities of flights by the agent for any craft with which the value function in space begins."""
-_BY_ANY_CRAFT = 0.7
-"""Part of the states with which it begins that are of those flights."""
 _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _LOST = 6.0
@@ -124,7 +118,7 @@ class ValueNetwork(nn.Module):
 
     def __init__(self, problem: PoseProblem, example: Tensor, units: int) -> None:
         super().__init__()
-        self._problem = problem
+        self.problem = problem
         inputs = problem.features(example).flatten(0, -2)
         self.register_buffer("mean", inputs.mean(dim=0))
         self.register_buffer("spread", inputs.std(dim=0).clamp(min=0.05))
@@ -135,7 +129,7 @@ class ValueNetwork(nn.Module):
 
     def forward(self, state: Tensor) -> Tensor:
         """Values, s."""
-        problem = self._problem
+        problem = self.problem
         # Eight bits would round the inputs to centimetres, and values of seconds to hundredths; eleven are enough
         # for values, but not for the range of gradients.
         x = functional.silu(self.first((problem.features(state) - self.mean) / self.spread))
@@ -150,6 +144,34 @@ class ValueNetwork(nn.Module):
         raw = self.last(x.float())[..., 0]
         scale = problem.scale * (1.0 + problem.price(state))
         return problem.terms(state)[0] + scale * functional.softplus(raw)
+
+    def resembles(self, other: ValueNetwork) -> bool:
+        """Whether it has the layers of the value function of another craft, and its inputs but for their phases."""
+
+        def sizes(network: ValueNetwork) -> tuple[int, int]:
+            units, inputs = network.first.weight.shape
+            return units, inputs - network.problem.phases
+
+        return sizes(self) == sizes(other)
+
+    @torch.no_grad()
+    def begin_as(self, other: ValueNetwork) -> None:
+        """Take the weights of another craft's value function that it `resembles`.
+
+        Inputs are in units of a craft's authority, but phases are of its pulses: values are taken at spins and
+        headings that these can reach, and phases have no weight.
+        """
+        weights = dict(other.state_dict())
+        count = other.problem.phases
+        reached = torch.tensor([0.0, 1.0]).repeat(count // 2)
+        parts = {}
+        for name, filling in (("first.weight", 0.0), ("mean", 0.0), ("spread", 1.0)):
+            before, parts[name], after = weights[name].tensor_split((-3 - count, -3), dim=-1)
+            own = before.new_full((*before.shape[:-1], self.problem.phases), filling)
+            weights[name] = torch.cat((before, own, after), dim=-1)
+        inputs = (reached - parts["mean"]) / parts["spread"]
+        weights["first.bias"] = weights["first.bias"] + parts["first.weight"] @ inputs
+        self.load_state_dict(weights)
 
 
 class Greedy:
@@ -366,51 +388,31 @@ class ValueLearner:
         return torch.where(self._uniform(count) < 0.5, near, chosen)
 
     def _begin(self) -> None:
-        """Fit the first value function: a guess, in space beside costs of flights by the agent for any craft."""
-        states, costs = self._by_any_craft() if self.problem.dimension == 3 else (None, None)
+        """Fit the first value function: a guess, or that of a craft alike where it is less."""
+        first = None
+        if (other := self._alike()) is not None:
+            for network in (self.value, self.average):
+                network.begin_as(other)
+            first = deepcopy(self.average)
         for _ in range(_BEGUN):
             pool = self._fresh()[:, self._indices(self._own.states, self._own.batch)]
             target = self.problem.guess(pool)
-            if states is not None and costs is not None and len(costs):
-                chosen = self._indices(len(costs), self._own.batch)
-                is_flown = self._uniform(self._own.batch) < _BY_ANY_CRAFT
-                pool = torch.where(is_flown, states[:, chosen], pool)
-                target = torch.where(is_flown, costs[chosen], target)
+            if first is not None:
+                with torch.no_grad():
+                    target = torch.minimum(target, first(pool))
             self._fit(pool, target)
 
-    @torch.no_grad()
-    def _by_any_craft(self) -> tuple[Tensor, Tensor]:
-        """States (rows, M) of flights by the agent for any craft, and their costs (M,): each is a bound."""
-        engine, problem = self.engine, self.problem
-        run = contestant(f"any-craft-{problem.dimension}d")
-        run = for_spacecraft(run, engine.craft, engine.timing)
-        count = -(-self._own.states // 4)
-        states, costs = [], []
-        for value in _FRUGALITIES:
-            agent = frugal(run, value).network
-            tensors = {name: x.to(engine.device) for name, x in agent.tensors.items()}
-            network = Network(agent.architecture, tensors)
-            flights = Engine(engine.craft, run.task, count, engine.timing, device=engine.device)
-            observation, memory = flights.reset(), network.initial_state(count)
-            # Trade-offs of about this value; the same flight is one for each of them.
-            trade_off = (value + 0.5 * self._uniform(count) - 0.25).clamp(min=0.0, max=1.0)
-            flown, periods = [], []
-            for _ in range(engine.timing.episode_steps - 1):
-                state = problem.frame.relative(flights.state, flights.goal, self.rollout.terms)
-                state[-1] = trade_off
-                command, memory = network.deterministic_action(observation, memory)
-                flown.append(state)
-                periods.append(self.greedy.outcomes(state, command[None])[1:3, 0])
-                observation = flights.step(flights.commands(command)).observation
-            total = torch.zeros_like(trade_off)
-            totals = []
-            for cost, discount in reversed(periods):
-                total = cost + discount * total
-                totals.append(total)
-            arrived = problem.inside(flown[-1])[0]
-            states += [state[:, arrived] for state in flown]
-            costs += [total[arrived] for total in reversed(totals)]
-        return torch.cat(states, dim=1), torch.cat(costs)
+    def _alike(self) -> ValueNetwork | None:
+        """Value function of the craft most alike of those that ship, or None where the layers differ."""
+        own = self.problem
+        runs = [RunFolder(folder) for folder in sorted(SHIPPED.iterdir())]
+        folders = [run.path for run in runs if run.spacecraft().dimension == own.dimension]
+        networks = [GreedyController(folder)._designed.value for folder in folders]
+        return min(
+            (x for x in networks if self.value.resembles(x)),
+            key=lambda x: abs(math.log(x.problem.scale / own.scale)),
+            default=None,
+        )
 
     @torch.no_grad()
     def _flown(self) -> tuple[Tensor, Tensor]:
@@ -668,7 +670,7 @@ class GreedyController:
         if conditions is not None and craft.dimension == 2 and type(task) in _POSES:
             problem = PoseProblem(craft, task, timing, _KEPT * self._tolerance)
             value = copy(self._designed.value)
-            value._problem = problem
+            value.problem = problem
             belief: Any = Belief(problem, value, conditions, timing.episode_steps)
             made._belief = belief
             made._greedy = Greedy(belief, belief)

@@ -118,6 +118,9 @@ class PoseProblem:
         kicks = torques * self.period / moments
         steps = kicks.abs().where(kicks.abs() > 1e-9, math.inf).amin(dim=0)
         self.spin_steps = [float(step) for step in steps]
+        self._is_coarse = craft.dimension == 2 and self.spin_steps[0] * self.period > _COARSE
+        self.phases = 2 * (len(steps) + self._is_coarse)
+        """Inputs of the value function, before the last three, that are sines and cosines between such spins."""
         self._kicks = kicks.float()
         self.rows = (7 if craft.dimension == 2 else 14) + self.frame.turns
         self.numbers = 2 + 2 * craft.dimension + len(steps) + len(forces)
@@ -278,8 +281,8 @@ class PoseProblem:
             w = w + rest[:1]
             columns += [rest[0] / self.spin_steps[0], *(w / self.spin_steps[0])]
         lattice = [*zip(w, self.spin_steps, strict=True)]
-        between = self.spin_steps[0] * self.period
-        if self.dimension == 2 and between > _COARSE:
+        if self._is_coarse:
+            between = self.spin_steps[0] * self.period
             lattice.append((attitude[0] - 0.5 * self.period * w[0], between))
         for place, step in lattice:
             phase = (2 * math.pi / step) * place
