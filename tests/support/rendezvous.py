@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from rans_missions.convex.rendezvous import Meeting
 from rans_missions.tasks import Dock
-from scipy.linalg import expm
 from scipy.optimize import linprog
 
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.scenario import Scenario, each, scenarios
+from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")
 N = 0.001027
@@ -29,12 +29,8 @@ def meeting_of(
 
 def program(start: np.ndarray, periods: int) -> float:
     """Least impulse, N s, of being at the origin at any speed after so many periods of 10 s, by SciPy."""
-    held = np.zeros((9, 9))
-    held[:3, 3:6] = np.eye(3)
-    held[3, 0], held[3, 4], held[4, 3], held[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
-    held[3:6, 6:] = np.eye(3) / 12.0
-    one = expm(10.0 * held)
-    effects = [one[:6, 6:]]
+    one = transition(N, 10.0)
+    effects = [one[:6, 6:] / 12.0]
     for _ in range(periods - 1):
         effects.insert(0, one[:6, :6] @ effects[0])
     matrix = np.hstack(effects)

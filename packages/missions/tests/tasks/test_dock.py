@@ -11,7 +11,6 @@ import pytest
 from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import Plan
-from scipy.linalg import expm
 
 from rans.episode import Setup, World, step
 from rans.model.drift import ClohessyWiltshire
@@ -20,6 +19,7 @@ from rans.model.fields import Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import DrakeMover
 from rans.scenario import scenarios
+from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")
 N = 0.001027
@@ -52,14 +52,6 @@ def flown(task: Dock, state: SpatialState, deadline: float, mover: Any = None) -
     return step(world(task), now, SHUT, None, mover)
 
 
-def system() -> np.ndarray:
-    """Matrix of the equations of Clohessy and Wiltshire, (6, 6)."""
-    a = np.zeros((6, 6))
-    a[:3, 3:] = np.eye(3)
-    a[3, 0], a[3, 4], a[4, 3], a[5, 2] = 3 * N * N, 2 * N, -2 * N, -N * N
-    return a
-
-
 @pytest.mark.parametrize("time", [10.0, 600.0, 2000.0])
 def test_the_velocity_to_reach_a_point_reaches_it(time):
     """By the matrix exponential, in space and in the plane."""
@@ -67,7 +59,7 @@ def test_the_velocity_to_reach_a_point_reaches_it(time):
     here, there = rng.uniform(-100, 100, (2, 3))
     drift = ClohessyWiltshire(N)
     v = velocity_to_reach(drift, Vec3(*here), Vec3(*there), time)
-    arrived = expm(time * system()) @ [*here, *leaves(v)]
+    arrived = transition(N, time)[:6, :6] @ [*here, *leaves(v)]
     np.testing.assert_allclose(arrived[:3], there, atol=1e-9)
     flat = velocity_to_reach(drift, Vec2(*here[:2]), Vec2(*there[:2]), time)
     np.testing.assert_allclose(leaves(flat), leaves(v)[:2], rtol=1e-9)
