@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -235,29 +234,22 @@ class Slosh(Effector):
     def _extreme_bodies(self, craft: Spacecraft, conditions: Any) -> list[Body]:
         """Bodies that leave least of a rigid craft, or for which friction may stop the rod fastest.
 
-        Those have the least inertia and the extremes of the masses. The centre of mass is as designed, or as far
-        as can be, away from the mass at rest (which leaves the least inertia) and in directions all around: where
-        friction is fastest depends on the axes of the body and on the hinge.
+        Those have the least inertia, the extremes of the masses, and the centre of mass as far away from the mass
+        at rest as can be.
         """
-        size = craft.dimension
-        away = np.subtract(craft.centre_of_mass, self.point())[:size]
-        around = np.vstack([*product((-1.0, 0.0, 1.0), repeat=size), away])
-        directions = around / np.maximum(np.linalg.norm(around, axis=1, keepdims=True), 1e-12)
+        away = np.subtract(craft.centre_of_mass, self.point())[: craft.dimension]
+        away = away / max(float(np.linalg.norm(away)), 1e-12)
         designed = Body.of(craft)
-        bodies = []
-        for part in (conditions, *conditions.others):
-            body = part.body
-            least = bounds(body.inertia)[0]
-            for mass, shift in product(bounds(body.mass), largest(body.centre) * directions):
-                bodies.append(
-                    replace(
-                        designed,
-                        mass=mass * craft.mass,
-                        inertia=tuple(least * x for x in designed.inertia),
-                        centre=tuple(shift.tolist()),
-                    )
-                )
-        return bodies
+        return [
+            replace(
+                designed,
+                mass=mass * craft.mass,
+                inertia=tuple(bounds(part.body.inertia)[0] * x for x in designed.inertia),
+                centre=tuple((largest(part.body.centre) * away).tolist()),
+            )
+            for part in (conditions, *conditions.others)
+            for mass in bounds(part.body.mass)
+        ]
 
     def check_flight(
         self, craft: Spacecraft, drift: Drift, period: float, conditions: Any = None

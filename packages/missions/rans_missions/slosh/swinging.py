@@ -169,15 +169,21 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
         craft: as designed.
         body: true body, of floats; None: as designed.
     """
-    arm, of_craft, reduced, damping = _extremes(slosh, craft, body or Body.of(craft))
+    # The centre of mass of the body moves the arm in any direction.
+    centre = () if body is None else body.centre or ()
+    pair = Pair.of(slosh, craft, Body.of(craft))
+    arm = math.hypot(*pair.arm.columns()) + math.hypot(*centre) / (1.0 - pair.fraction)
     # Half of the thrusters push together at most; the centrifugal field of the arm acts as gravity too.
     pull = 0.5 * sum(thruster.force for thruster in craft.thrusters) / craft.mass
     pull += _USUAL_SPIN**2 * arm
     pace = max(_USUAL_SPIN, 2.0 * math.sqrt(pull / slosh.length))
-    of_rod = reduced * slosh.length**2
-    along = reduced * slosh.length * arm
-    mobility = (of_craft + of_rod + 2.0 * along) / (of_craft * of_rod - along**2)
-    return pace, damping * mobility
+    # Friction turns rod and rigid part, whose inertia is least about its worst axis.
+    pair = pair if body is None else Pair.of(slosh, craft, body)
+    xx, xy, xz, yy, yz, zz = pair.inertia
+    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    least = float(np.linalg.eigvalsh(tensor)[0] if craft.dimension == 3 else zz)
+    mobility = (1.0 / pair.reduced + (arm + slosh.length) ** 2 / least) / slosh.length**2
+    return pace, slosh.damping * mobility
 
 
 def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
@@ -211,16 +217,6 @@ def rod_rate(slosh: Slosh, craft: Spacecraft, states: Any) -> np.ndarray:
         return np.abs(states.w + stores[1])
     rod, slip = Vec3(*stores[:3]), Vec3(*stores[3:])
     return np.asarray((slip + states.w.cross(rod)).norm())
-
-
-def _extremes(slosh: Slosh, craft: Spacecraft, body: Body) -> tuple[float, float, float, float]:
-    """Length of the arm, least inertia with the rod's end in the hinge, reduced mass, and friction; SI."""
-    pair = Pair.of(slosh, craft, body)
-    xx, xy, xz, yy, yz, zz = pair.inertia
-    tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    arm = math.hypot(*pair.arm.columns())
-    least = float(np.linalg.eigvalsh(tensor)[0] if craft.dimension == 3 else zz)
-    return arm, least + pair.reduced * arm**2, pair.reduced, pair.damping
 
 
 def _steps(longest: float, pace: float, decay: float) -> int:
