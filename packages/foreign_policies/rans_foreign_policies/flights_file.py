@@ -136,10 +136,12 @@ class FlightsFile:
     def _step_of(self, where: str, start: float, time: float) -> int:
         """Number of the control period that begins at a time, s, of a flight from a start."""
         period = self._setup.timing.control_period
-        step = round(time / period)
+        # Beyond the clipped range every float is a whole number, and an infinite one would not be rounded.
+        periods = float(np.clip(time / period, -(2.0**53), 2.0**53))
+        step = round(periods)
         if start < 0 or start != round(start):
             raise ConfigError(f"{where}: start must be a whole number >= 0, got {start:g}.")
-        if abs(time / period - step) > _ROUNDING:
+        if abs(periods - step) > _ROUNDING:
             raise ConfigError(
                 f"{where}: time must be a multiple of the control period of {period:g} s, got {time:g} s."
             )
