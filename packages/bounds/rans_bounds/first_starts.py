@@ -64,7 +64,7 @@ def certified_bounds(
             :32
         ]
         if key in cached:
-            yield replace(cached[key], start=start)
+            yield replace(cached[key], start=start, horizon=event.horizon, kind=event.kind)
             progress(1)
         else:
             pending.append((key, start, item))
@@ -98,13 +98,16 @@ def _revived(row: dict[str, Any]) -> Bound:
         for key in ("hull", "lower", "upper", "tube")
         if row.get(key) is not None
     }
-    return Bound(**row | values)
+    bound = Bound(**row | values)
+    if not 0.0 <= bound.best <= bound.upper * (1.0 + 1e-9):
+        raise ValueError
+    return bound
 
 
 def _read(cache: Path) -> dict[str, Bound]:
     try:
         return {key: _revived(row) for key, row in read_json(cache).items()}
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError, ArithmeticError) as error:
         raise ConfigError(
             f"{cache} does not hold bounds; delete it, and they are searched again."
         ) from error

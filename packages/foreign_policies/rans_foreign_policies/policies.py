@@ -441,7 +441,7 @@ class OnnxPolicy:
         alone = [self._of_row(observation, states, k)[0][0] for k in rows]
         # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
         off = [
-            not np.allclose(action, command[k], rtol=1e-3, atol=1e-3)
+            not np.allclose(action, command[k], rtol=1e-3, atol=1e-3, equal_nan=True)
             for k, action in enumerate(alone)
         ]
         if sum(off) > 1:

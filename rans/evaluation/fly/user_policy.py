@@ -96,6 +96,8 @@ def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) ->
     """
     try:
         commands = np.asarray(ask(), dtype=np.float64)
+    except ConfigError:
+        raise
     except (Exception, SystemExit) as error:  # somebody else's code raises anything
         raise ConfigError(
             f"{who} failed: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
