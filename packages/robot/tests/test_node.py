@@ -42,7 +42,6 @@ from tests.support.processes import PATIENCE, wait_until
 from tests.support.robots import AWAY, Always, Wire, bag_of, hear_all, plan, started
 
 PLATFORM = "floating-platform"
-FOREIGN = Path(__file__).parents[3] / "examples" / "trainers" / "agents" / "sb3-ppo.onnx"
 GOAL = (0.5, -0.5, 30.0)
 TURN = np.radians(30.0) - 0.5
 SEEN = np.array(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from math import copysign
@@ -111,25 +110,17 @@ def difference(one: Tensor, other: Tensor) -> float:
 def test_a_fit_begins_with_values_of_the_craft_most_alike(spacecraft, monkeypatch):
     monkeypatch.setattr("rans_value.learner._BEGUN", 0)
     craft: Any = load_spacecraft(spacecraft)
-    # Its headings at rest are too close for a phase.
-    inertia = tuple(tuple(4.0 * x for x in row) for row in craft.inertia)
-    made = learner(
-        replace(craft, mass=1.4 * craft.mass, inertia=inertia), GoToPosePriced(), units=512
-    )
+    made = learner(craft, GoToPosePriced(), units=512)
     made._begin()
+    # Where pulses lead from rest, the heading or height being that of the goal.
     state = made.states()
-    state[-1] = torch.linspace(0.0, 1.0, 64)
-    ranks = torch.stack((made.average(state), made.problem.guess(state))).argsort().argsort()
-    assert ranks.float().corrcoef()[0, 1] > 0.9
-    # Of the same craft they stay the same where its pulses lead, from rest at the goal's heading.
-    own = GreedyController(SHIPPED / spacecraft)._designed
-    same = deepcopy(own.value)
-    same.begin_as(own.value)
-    start = learner(craft, GoToPosePriced()).states()
-    if craft.dimension == 2:
-        start[2] = 0.0
-    reached, _, _ = own.problem.step(start, commands(craft.thruster_count))
-    torch.testing.assert_close(same(reached), own.value(reached), rtol=0.01, atol=0.01)
+    state[2] = 0.0
+    reached, _, _ = made.problem.step(state, commands(craft.thruster_count))
+    own = GreedyController(SHIPPED / spacecraft)._designed.value
+    torch.testing.assert_close(made.average(reached), own(reached), rtol=0.01, atol=0.01)
+    # Headings at rest that are close together have no phase.
+    inertia = tuple(tuple(4.0 * x for x in row) for row in craft.inertia)
+    learner(replace(craft, inertia=inertia), units=512).value.begin_as(own)
 
 
 def test_most_spins_near_the_goal_are_those_that_pulses_bring_to_rest():
