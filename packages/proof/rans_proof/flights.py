@@ -54,8 +54,10 @@ def path(problem: Problem, layers: Sequence[Layer], start: np.ndarray) -> list[n
             u = list(apply(list(layers), taken).T)
 
             def rate(state: np.ndarray, held: Sequence[np.ndarray] = u) -> np.ndarray:
-                rates = problem.rates(list(state.T), held)
-                return np.stack([np.broadcast_to(value, len(state)) for value in rates], axis=1)
+                rates = np.empty_like(state)
+                for column, value in enumerate(problem.rates(list(state.T), held)):
+                    rates[:, column] = value
+                return rates
 
             for _ in range(_SUBSTEPS):
                 k1 = rate(x)

@@ -423,9 +423,10 @@ def motion(
 
     def rate(x: np.ndarray) -> np.ndarray:
         values = names | {f"x{i}": row for i, row in enumerate(x.T)}
-        return np.stack(
-            [np.broadcast_to(eval(code, _FUNCTIONS, values), len(x)) for code in codes], axis=1
-        )
+        rates = np.empty_like(x)
+        for column, code in enumerate(codes):
+            rates[:, column] = eval(code, _FUNCTIONS, values)
+        return rates
 
     x = states
     path = [x]

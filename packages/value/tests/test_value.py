@@ -182,10 +182,15 @@ def test_labels_are_costs_above_the_best_of_two_periods():
     assert (regret > 0.01).float().mean() > 0.5
 
 
+NEAR = GoToPosePriced(evaluation_distance=(0.3, 0.6)).for_evaluation()
+BRIEF = Timing(episode_steps=65)
+"""From there craft arrive within 8 s; they stay for 5 s."""
+
+
 def test_the_weights_that_ship_hold_a_finer_tolerance():
-    task = GoToPosePriced(trade_off=(1.0, 1.0), position_tolerance=0.02)
-    controller = Newest(PLATFORM, task, Timing())
-    flight = fly(PLATFORM, task, controller, scenarios(task, PLATFORM, 0, 4), Timing())
+    task = replace(NEAR, trade_off=(1.0, 1.0), position_tolerance=0.02)
+    controller = Newest(PLATFORM, task, BRIEF)
+    flight = fly(PLATFORM, task, controller, scenarios(task, PLATFORM, 0, 4), BRIEF)
     assert task.reached(flight.states, flight.goals)[-25:].all()
 
 
@@ -244,9 +249,9 @@ def test_flights_tell_what_conditions_drew(conditions):
 
 
 def test_the_weights_that_ship_hold_the_pose_under_conditions():
-    task = GoToPosePriced(trade_off=(0.5, 0.5))
-    controller = Newest(PLATFORM, task, Timing()).expecting(LAB)
-    flight = fly_episodes(controller, Setup(PLATFORM, task, Timing(), LAB), 0, 2)
+    task = replace(NEAR, trade_off=(0.5, 0.5))
+    controller = Newest(PLATFORM, task, BRIEF).expecting(LAB)
+    flight = fly_episodes(controller, Setup(PLATFORM, task, BRIEF, LAB), 0, 2)
     assert task.reached(flight.states, flight.goals)[-25:].mean() > 0.95
 
 
