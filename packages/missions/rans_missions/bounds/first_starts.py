@@ -118,6 +118,8 @@ def _question(contest: Contest, k: int) -> Callable[[], float]:
     check_certifiable(craft, wheels=True)
     if problem == "inspection":
         return partial(inspection_bound, craft, task, one.start, one.goal, contest.duration, timing)
+    if numbers(one.start.v).any():
+        raise ConfigError("bounds among zones and to ports are of starts at rest.")
     least = least_to_dock if problem == "port" else least_to_stay
     return partial(least, craft, task, one, timing)
 

@@ -19,23 +19,24 @@ _CAP = 0.5
 
 
 def least_to_dock(craft: Spacecraft, task: DockPort, one: Scenario, timing: Timing) -> float:
-    """Impulse below which no flight docks at a port, N s; attitude and ball are left out.
+    """Impulse below which no flight docks at a port from a start at rest, N s; attitude and ball are left out.
 
     Before it docks, a flight enters the sphere of the cone's length around its apex through the cone's mouth.
     Spans of time are tried for both, and the least bound counts. A flight whose changes of velocity are less than
-    `_CAP` less the start's speed is no faster than `_CAP`, so that at the first check behind the mouth it is near
-    it; for all others the bound is what such a change costs.
+    `_CAP` is no faster than that, so that at the first check behind the mouth it is near it; for all others the
+    bound is what such a change costs.
     """
-    start: Any = one.start
     goal: Any = one.goal
+    start: Any = one.start
+    place = numbers(start.p)
     mouths, ports = port_waypoints(task, goal, timing)
     apex = numbers(goal.p) * (1.0 - task.cone_depth / task.standoff)
-    if np.linalg.norm(numbers(start.p) - apex) <= task.cone_length:
+    if np.linalg.norm(place - apex) <= task.cone_length:
         ways = [[port] for port in ports]
     else:
         ways = [[mouths[k], port] for j, port in enumerate(ports) for k in range(j + 1)]
-    least = min(waypoints.least_impulse_through(craft, start, way) for way in ways)
-    return max(0.0, min(least, craft.mass * (_CAP - float(np.linalg.norm(numbers(start.v))))))
+    least = min(waypoints.least_impulse_through(craft.mass, place, way) for way in ways)
+    return min(least, craft.mass * _CAP)
 
 
 def port_waypoints(

@@ -65,12 +65,12 @@ def least_to_stay(craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing)
 
     Whoever is near the goal at both ends of the last fifth has braked. The attitude is left out,
     and so are zones that do not move across the way from start to goal, or are not between them. Flights faster
-    than a cap spend at least the mass times it, less the speed at the start.
+    than a cap spend at least the mass times it.
 
     Args:
-        craft: as `least_impulse_through` takes it.
+        craft: one that `least_impulse_through` bounds.
         task: among whose zones it flies.
-        one: start and goal, of floats.
+        one: start at rest and goal, of floats.
         timing: control period, checks and length of the episode.
     """
     return Search(craft, task, one, timing).bound()
@@ -83,7 +83,6 @@ class Search:
         start: Any = one.start
         goal: Any = one.goal
         self._craft = craft
-        self._start = start
         self._from = np.array(start.p.columns(), float)
         place = np.array(goal.p.columns(), float)
         near = task.tolerances()["position"]
@@ -123,9 +122,7 @@ class Search:
         It holds wherever the search ends, so `_PROGRAMS` may be smaller.
         """
         nothing: _Branch = (None,) * len(self._zones)
-        most = self._craft.mass * (
-            self._cap - math.hypot(*(float(x) for x in self._start.v.columns()))
-        )
+        most = self._craft.mass * self._cap
         count = itertools.count()
         left: list[tuple[float, int, _Branch]] = [(self._value(nothing), next(count), nothing)]
         tried = 1
@@ -194,7 +191,7 @@ class Search:
     def _value(self, branch: _Branch) -> float:
         """Bound of the flights of a branch, N s."""
         points = [*self.waypoints(branch), *self._ends]
-        return least_impulse_through(self._craft, self._start, points)
+        return least_impulse_through(self._craft.mass, self._from, points)
 
 
 def _in_order(branch: _Branch, time: float) -> _Branch | None:

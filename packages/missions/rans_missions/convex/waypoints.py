@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import Spacecraft, State
 from rans_missions.convex.cone_program import Rows
 
 _ROUNDING = 1e-9
@@ -35,8 +33,8 @@ class Waypoint(NamedTuple):
     """(d,) unit vector: positions are in the plane through the centre across it. None: anywhere."""
 
 
-def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[Waypoint]) -> float:
-    """Impulse below which no flight is in each of some balls one after the other, N s.
+def least_impulse_through(mass: float, place: np.ndarray, waypoints: Sequence[Waypoint]) -> float:
+    """Impulse below which no flight from rest is in each of some balls one after the other, N s.
 
     It is that of changes of velocity at the start and in the balls, by weak duality: with multipliers l_j of the
     positions at the instants t_j and q(t) the sum of l_j (t_j - t) over what is to come, the impulse is at least
@@ -45,24 +43,19 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     be anything between 0 and 1 that changes at any instant, and attitudes are free.
 
     Args:
-        craft: one that `rans.extend.check_certifiable` passes, with or without wheels.
-        start: of floats.
+        mass: of a craft that `rans.extend.check_certifiable` passes, with or without wheels, kg.
+        place: (d,) where it starts in W, m.
         waypoints: in the order of the instants.
 
     Raises:
         SolverFailed: the solver of cone programs ends without an answer.
     """
-    place, speed = (np.array(x.columns(), float) for x in (start.p, start.v))
     count, size = len(waypoints), len(place)
     spans = np.array([(point.first, point.last) for point in waypoints])
     unit = float(spans.max())
-    # How far the balls are from where the start's velocity leads; at the ends of a span it leads farther.
-    middles = spans.mean(axis=1)
-    centres = np.array([point.position for point in waypoints])
-    ways = centres - place - middles[:, None] * speed
+    ways = np.array([point.position for point in waypoints]) - place
     radii = np.array([point.radius for point in waypoints])
-    farther = 0.5 * np.ptp(spans, axis=1) * float(np.linalg.norm(speed))
-    radii = radii + farther
+    behind = np.array([point.behind for point in waypoints])
     # By what the multipliers, times the unit of time, make q at the start and in every ball but the last.
     combined = []
     for instants in itertools.product(*spans.tolist()):
@@ -70,18 +63,13 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
             combined.append([(t - since) / unit if j >= k else 0.0 for j, t in enumerate(instants)])
     weights = np.unique(combined, axis=0)
     planes = np.zeros((count, size))
+    # What measures a multiplier, over the radius: of a disc its part along the disc.
+    shapes = np.tile(np.eye(size), (count, 1, 1))
     for k, point in enumerate(waypoints):
         if point.ahead is not None:
             planes[k] = point.ahead
-    behind = np.array([point.behind for point in waypoints]) + farther
-    # What measures a multiplier, over the radius. A disc that a velocity at the start thickens lies
-    # in an ellipsoid with sqrt(2) times its radius and thickness.
-    shapes = np.tile(np.eye(size), (count, 1, 1))
-    for k, point in enumerate(waypoints):
         if point.level is not None:
-            thin = farther[k] / radii[k] if farther[k] else 0.0
-            radii[k] *= math.sqrt(2.0) if farther[k] else 1.0
-            shapes[k] -= (1.0 - thin) * np.outer(point.level, point.level)
+            shapes[k] -= np.outer(point.level, point.level)
     # Variables: multipliers by ball and axis; what they have less a plane's, by size; and the planes' multipliers.
     width = count * (size + 2)
     pulls, sizes, of_planes = np.split(np.eye(width), [count * size, count * (size + 1)])
@@ -104,10 +92,8 @@ def least_impulse_through(craft: Spacecraft, start: State, waypoints: Sequence[W
     shorter = max(1.0, float(np.linalg.norm(weights @ multipliers, axis=1).max())) * (1 + _ROUNDING)
     multipliers = multipliers / shorter
     of_planes = np.maximum(answer[count * (size + 1) :], 0.0) / shorter
-    gained = float(np.sum(multipliers * ways))
     apart = multipliers - of_planes[:, None] * planes
     left = np.linalg.norm(np.einsum("kij,kj->ki", shapes, apart), axis=1)
     spared = float(radii @ left + behind @ of_planes)
-    sizes = np.abs(centres) + np.abs(place) + spans[:, 1:] * np.abs(speed)
-    terms = float(np.sum(np.abs(multipliers) * sizes) + np.abs(behind) @ of_planes + radii @ left)
-    return max(0.0, craft.mass / unit * (gained - spared - _ROUNDING * terms))
+    terms = float(np.sum(np.abs(multipliers) * (np.abs(ways) + 2.0 * np.abs(place)))) + spared
+    return max(0.0, mass / unit * (float(np.sum(multipliers * ways)) - spared - _ROUNDING * terms))

@@ -57,6 +57,11 @@ def test_other_contests_have_none():
     assert not bounded(Contest(CRAFT, TASK, TASK.timing, 5, 2, conditions=Conditions()))
     burning = load_spacecraft("mars-lander-steered")
     assert not bounded(Contest(burning, Avoid(), Avoid.timing, 5, 2))
+    moving = Contest(load_spacecraft("free-flyer"), Avoid(), Avoid.timing, 5, 2)
+    assert bounded(moving)
+    start = moving.starts.start
+    vars(moving)["starts"] = replace(moving.starts, start=replace(start, v=start.p))
+    assert not bounded(moving)
 
 
 @pytest.mark.parametrize("name", ["avoid-2d", "dock-port-2d"])

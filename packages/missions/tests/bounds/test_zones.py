@@ -66,7 +66,7 @@ def test_two_zones_are_passed_on_the_cheapest_sides_and_instants():
             )
             for t, s, (px, py, v, r) in zip(instants, sides, zones, strict=True)
         ]
-        return waypoints.least_impulse_through(craft, one.start, [*way, *ends])
+        return waypoints.least_impulse_through(craft.mass, np.array([4.0, 0.0]), [*way, *ends])
 
     cheapest = min(
         minimize(spent, (7.0, 13.0), (sides,), "Nelder-Mead", options={"maxfev": 40}).fun
