@@ -8,9 +8,12 @@ import torch
 
 import rans
 from rans import BodyConditions, Conditions, ConfigError, Timing
+from rans.effectors.propellant import Tank
 from rans.model.accuracy import chosen
 from rans.model.actuators import Propellant
 from rans.model.body import Body
+from rans.model.dynamics import Wrench
+from rans.model.fields import Vec2
 from tests.support.effector_crafts import BURNING, LANDER, commands
 
 LIGHT = replace(BURNING, propellant=Propellant(3.0, 0.5))
@@ -68,3 +71,13 @@ def test_substeps_are_for_the_lightest_craft():
     few, many = (chosen(LIGHT, timing, x).substeps or 0 for x in (body, light))
     # Empty they weigh 2.32 and 0.192 kg, and their inertia is in proportion.
     assert many > 5 * few
+
+
+@pytest.mark.parametrize("last", [None, -1e-3])
+def test_no_thrust_fills_a_tank(last):
+    """Sums of forces in shut valves are roundings of either sign, here made large."""
+    shut, end = (
+        None if x is None else Wrench(Vec2(0.0, 0.0), 0.0, exhaust=x) for x in (-1e-3, last)
+    )
+    tank = Tank(Propellant(3.0, 0.5), Body.of(LIGHT), None)
+    assert [left for _, left in tank.burned((0.2, shut, end, 0.2), 1.0)] == [1.0, 1.0]

@@ -68,6 +68,12 @@ def test_no_pulse_is_shorter_than_the_least(duty, counts):
     assert opened == pytest.approx(counts / 100)
 
 
+@pytest.mark.parametrize("valves", [Pulsed(10), Pulsed(10, 1), Pulsed(100, 5)])
+def test_the_shortest_pulse_is_the_least_that_any_command_gives(valves):
+    given = np.array(valves.opened([np.linspace(0.0, 1.0, 1001)]))
+    assert valves.shortest == pytest.approx(given[given > 0.0].min())
+
+
 def test_arrays_shut_each_in_its_own_time():
     duty = np.array([[0.2, 0.9], [0.6, 0.1], [0.4, 0.4]])
     open_for = sum(np.array(part) * share for share, part in Pulsed(10).pulses(tuple(duty)))

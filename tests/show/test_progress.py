@@ -41,6 +41,32 @@ def test_the_last_row_is_told_however_soon_it_comes(capsys, monkeypatch):
         ]
 
 
+class Line:
+    """What a notebook shows under its cell."""
+
+    def __init__(self) -> None:
+        self.shown: list[Any] = []
+
+    def show(self, text: str, fraction: float | None, surely: bool = False) -> None:
+        self.shown.append((text, fraction))
+
+    def clear(self) -> None:
+        self.shown.append("")
+
+
+def test_a_notebook_counts_the_work_of_a_stage_up_and_keeps_nothing_of_it(monkeypatch):
+    line = Line()
+    monkeypatch.setattr("rans.show.progress.in_notebook", lambda: True)
+    monkeypatch.setattr("rans.show.progress.NotebookLine", lambda: line)
+    with watched() as stage:
+        for total in (4, None):
+            step = stage("flying", total)
+            step(1)
+            step(2)
+    known = [("flying", 0.0), ("flying: 1 of 4", 0.25), ("flying: 3 of 4", 0.75)]
+    assert line.shown == [*known, ("flying", None), ("flying: 1", None), ("flying: 3", None), ""]
+
+
 class Logged:
     """What a logger puts in place of a stream."""
 

@@ -248,13 +248,18 @@ def test_files_whose_wheels_fill_up_otherwise_are_refused(tmp_path: Path) -> Non
 
 
 def test_a_lost_thruster_takes_nothing_of_the_supply() -> None:
-    """Two open thrusters give half each; once one is lost, it gives a fifth and the other one its whole."""
+    """Two open thrusters give half each; once one is lost, it gives a fifth and the other one its whole.
+
+    Squares are those of the halves.
+    """
     effects = ((1.0, 0.0, 0.5), (0.0, 2.0, -0.5), (-1.0, 0.0, 0.0))
     own = Adaptation(PERIOD, effects, 3, True, spare=(1,))
     command = torch.tensor([[1.0, 1.0, 0.0]])
     changes = torch.stack(own._effects(TorchRows(command), command), dim=-1)[0]
     torch.testing.assert_close(changes[0], torch.tensor([0.5, 1.0, 0.0]))
     torch.testing.assert_close(changes[1], torch.tensor([1.0, 0.4, 0.4]))
+    squares = own._squares(TorchRows(command), command)[0]
+    torch.testing.assert_close(squares, torch.tensor([0.25, 1.0, 0.125]))
 
 
 @pytest.mark.parametrize(("weak", "shut"), [(4.0, 1.0), (5.6, 0.0)])

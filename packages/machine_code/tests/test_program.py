@@ -59,7 +59,10 @@ def test_every_operation(monkeypatch):
     np.testing.assert_array_equal(memory.run(0), interpreted)
 
 
-def test_a_later_part_uses_what_an_earlier_one_found():
+@pytest.mark.parametrize("often", [0, 1000])
+def test_a_later_part_uses_what_an_earlier_one_found(often, monkeypatch):
+    """As functions, and interpreted."""
+    monkeypatch.setattr(program, "_OFTEN", often)
     given = inputs()
     late = Symbol.input("late")
     a, b, _ = tuple[Any, ...](given)

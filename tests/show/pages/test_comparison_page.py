@@ -34,3 +34,15 @@ def test_what_never_happens_has_no_unit():
     shown = Comparison(contest, [entry])
     assert values(shown)["settling time"] == "never"
     assert "inf" not in page(shown).hero
+
+
+def test_the_quickest_rival_stands_beside_the_first_contestant():
+    """The others are at the goal from 4 s and from 1 s on."""
+    shown = comparison()
+    for name, late in (("slow", 8), ("quick", 2)):
+        distance = np.full((11, 3), 0.01)
+        distance[:late] = 1.0
+        flight = flight_of(distance, 0.0, np.zeros((10, 3, 8)))
+        shown.entries.append(Entry(Contestant(name, NOBODY, "observation", "none"), flight))
+    (settling,) = (tile for tile in page(shown).tiles if tile.what == "settling time")
+    assert "quick 1 s" in settling.note

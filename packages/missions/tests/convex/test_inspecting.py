@@ -79,3 +79,12 @@ def test_the_cheapest_safe_flight_is_flown_and_else_the_cheapest():
     dearer = searched(task, STARTS[2], lambda burns: burns.price > 1.01 * cheapest).price
     assert 1.01 * cheapest < dearer < 1.2 * cheapest
     assert searched(task, STARTS[2], lambda burns: False).price == cheapest
+
+
+def test_half_of_the_points_are_those_that_cost_little():
+    """Of 20 points any 11: less than half of what all of them cost."""
+    whole, half = (
+        searched(Inspect(points=20, unseen_tolerance=tolerance), STARTS[1]).price
+        for tolerance in (0.01, 0.5)
+    )
+    assert half < 0.5 * whole
