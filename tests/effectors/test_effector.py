@@ -73,16 +73,18 @@ def test_a_craft_may_have_no_other_effector():
 
 
 class Unknown(Torquer):
-    """Nobody told Drake of it."""
+    """Nobody told Drake of it, and nobody commands it."""
+
+    commands = ()  # type: ignore[assignment]
 
 
 def test_what_knows_nothing_of_it_refuses():
+    strange = replace(TURNED, further_effectors=(Unknown((0.0, 0.0, 1.0), 0.1, 1.0),))
     for check in (check_craft, check_certifiable):
         with pytest.raises(ConfigError, match="effectors of other"):
-            check(TURNED)
+            check(strange)
     with pytest.raises(ConfigError, match="effectors of other kinds"):
         rans.LQR(TURNED, rans.GoToPose())
-    strange = replace(TURNED, further_effectors=(Unknown((0.0, 0.0, 1.0), 0.1, 1.0),))
     with pytest.raises(ConfigError, match="Drake does not know effectors of the kind Unknown"):
         Plant(strange)
     assert TURNED.commands[-1] == CommandRange("torquer", "torque", -1.0, 1.0)

@@ -23,7 +23,7 @@ from rans.model.fields import leaves
 from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
 from rans.scenario import scenarios
-from tests.support.effector_crafts import CUBESAT, LANDER, WHEELED, commands
+from tests.support.effector_crafts import WHEELED, commands
 from tests.support.effector_flights import ALL, BOTH, scripted, task_of, untrained_policy
 from tests.support.played import Played
 from tests.support.scripts import module_of
@@ -120,15 +120,6 @@ def test_exported_programs_command_in_the_ranges(untrained, tmp_path):
     assert (given >= low - 1e-6).all()
     assert (given <= high + 1e-6).all()
     assert np.ptp(given[:, -1]) > 0.1 * (high[-1] - low[-1])
-
-
-@pytest.mark.parametrize("craft", [CUBESAT, LANDER], ids=lambda craft: craft.name)
-def test_engines_give_policies_the_ranges(craft):
-    engine = rans.Engine(craft, task_of(craft), 64)
-    outputs = torch.rand(64, len(craft.commands))
-    low, high = np.array([(one.low, one.high) for one in craft.commands]).T
-    given = engine.commands(outputs).numpy()
-    np.testing.assert_allclose(given, low + (high - low) * outputs.numpy(), atol=1e-6)
 
 
 def test_metrics_tell_of_propellant_and_wheels():

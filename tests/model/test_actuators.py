@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
-from rans import Spacecraft
-from rans.effectors.commands import action_space
-from rans.model.actuators import ON_OFF, OnOff, Pulsed, Throttle
+from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.spacecraft_file import parse_spacecraft
 
 FILE = """
@@ -83,24 +80,6 @@ def test_arrays_shut_each_in_its_own_time():
         first[0], [0.2, 0.1]
     )  # until the first valve of each spacecraft shuts
     np.testing.assert_array_equal(first[1], np.ones((3, 2)))
-
-
-def craft_with(actuators: Any, thrusters: int) -> Spacecraft:
-    """A planar craft of so many thrusters."""
-    with pytest.warns(UserWarning, match="cannot push"):
-        return Spacecraft.planar(
-            "probe", 5.0, 0.1, [((0.1, 0.0), (1, 0), 1.0)] * thrusters, actuators=actuators
-        )
-
-
-def test_spaces_and_memory():
-    assert action_space(craft_with(OnOff(), 3)) == gymnasium.spaces.MultiDiscrete([2, 2, 2])
-    for continuous in (Pulsed(4), Throttle()):
-        assert action_space(craft_with(continuous, 3)) == gymnasium.spaces.Box(
-            0.0, 1.0, (3,), np.float32
-        )
-        assert (continuous.is_continuous, continuous.dtype) == (True, "float32")
-    assert (ON_OFF.is_continuous, ON_OFF.dtype) == (False, "int8")
 
 
 @pytest.mark.parametrize("least", [0.1, 0.3, 0.6])

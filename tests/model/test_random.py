@@ -32,6 +32,11 @@ def test_spins_in_space_have_every_rate_and_axis():
         assert stats.kstest(component, stats.uniform(-1.0, 2.0).cdf).pvalue > FALSE_ALARM
 
 
+def test_vectors_have_every_length_of_a_range():
+    lengths = np.hypot(*random(2).vector((1.0, 3.0)).columns())
+    assert stats.kstest(lengths, stats.uniform(1.0, 2.0).cdf).pvalue > FALSE_ALARM
+
+
 def test_generators_take_every_seed_that_scenarios_take():
     drawn = {
         seed: tuple(generator(seed).integers(2**32, size=4))

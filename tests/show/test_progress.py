@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from typing import Any
+from unittest.mock import Mock, call
 
 import pytest
 
@@ -41,30 +42,18 @@ def test_the_last_row_is_told_however_soon_it_comes(capsys, monkeypatch):
         ]
 
 
-class Line:
-    """What a notebook shows under its cell."""
-
-    def __init__(self) -> None:
-        self.shown: list[Any] = []
-
-    def show(self, text: str, fraction: float | None, surely: bool = False) -> None:
-        self.shown.append((text, fraction))
-
-    def clear(self) -> None:
-        self.shown.append("")
-
-
 def test_a_notebook_counts_the_work_of_a_stage_up_and_keeps_nothing_of_it(monkeypatch):
-    line = Line()
+    line = Mock()
     monkeypatch.setattr("rans.show.progress.in_notebook", lambda: True)
     monkeypatch.setattr("rans.show.progress.NotebookLine", lambda: line)
     with watched() as stage:
-        for total in (4, None):
-            step = stage("flying", total)
-            step(1)
-            step(2)
-    known = [("flying", 0.0), ("flying: 1 of 4", 0.25), ("flying: 3 of 4", 0.75)]
-    assert line.shown == [*known, ("flying", None), ("flying: 1", None), ("flying: 3", None), ""]
+        step = stage("flying", 4)
+        step(1)
+        step(2)
+    first, *later, last = line.mock_calls
+    assert first == call.show("flying", 0.0, surely=True)
+    assert later == [call.show("flying: 1 of 4", 0.25), call.show("flying: 3 of 4", 0.75)]
+    assert last == call.clear()
 
 
 class Logged:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -210,6 +211,12 @@ def test_the_file_says_who_settled():
     """Settled is not arrived: a flight that leaves again has arrived."""
     found = comparison()
     found.entries[0].flight.states.p.x[-1, 1] -= 1.0
-    row = to_json(found, "text")["summary"][0]
+    table = to_json(found, "text")
+    each = [
+        (row["arrival"], row["arrival_for_good"], row["thrust_to_arrive"])
+        for row in table["per_start"]["contestants"]["agent"]
+    ]
+    assert each == [(1.0, 1.0, 1.0), (2.0, math.inf, 1.0), (math.inf, math.inf, math.inf)]
+    (row,) = table["summary"]
     assert (row["solved"], row["starts"], row["mean_impulse"]) == (1, 3, pytest.approx(1.0))
     assert RETURN not in to_json(found, "")["estimates"]["agent"]
