@@ -21,6 +21,7 @@ from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench
 from rans_robot.frames import quaternion_products, small_turns
 from rans_robot.identify.log import FlightLog, checked_log
 from rans_robot.identify.motion import (
+    STEP,
     Physics,
     Thrust,
     check_identifiable,
@@ -63,8 +64,12 @@ _FEW = 5
 """Steps after which the best of several beginnings goes on alone."""
 _FIRST_LATENCIES = (0.02, 0.1, 0.25)
 """s: where the fit begins; the cost has one minimum within a pulse of the right latency."""
-_COARSE = 0.05
-"""s: longest step for derivatives, whose errors only direct the steps of the fit."""
+_COARSE = 2.5
+"""Factor on the longest step for derivatives, whose errors only direct the steps of the fit."""
+_QUIET = 1e-3
+"""Noise, m, rad, m/s or rad/s, below which the grid of predictions is `_FINER`."""
+_FINER = 0.25
+"""Factor on `STEP`: its error, which goes with the square, is then a tenth of `LEAST_NOISE`."""
 _FARTHEST = 20.0
 """Standard deviations of the prior beyond which no value is sought."""
 _APART = 60.0
@@ -250,6 +255,9 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
     near.solve()
     if near.values[latency] <= 0.0:
         _check_order(near)
+    # The mean delay stays. Readings change with the square of the rise: a fit that comes to none stays there.
+    near.values[latency : latency + 2] += -0.5 * _RISE_PRIOR, _RISE_PRIOR
+    near.values[latency] = max(near.values[latency], 0.0)
     fitted = _Solver(craft, logs, first, near.values, near.noise).fit()
     return fitted if window is not None else _longest(fitted)
 
@@ -392,17 +400,16 @@ class _Solver:
             ]
         )
         self.thrusts = Thrust.of(craft, behind)
+        noise = noise or _FIRST_NOISE
+        self.step = STEP * (_FINER if min(noise.values()) < _QUIET else 1.0)
+        """s: longest step of predictions."""
         # Where no velocity was measured, windows begin at rest; the fit moves them.
         self.starts = np.nan_to_num(self.readings[:, 0])
         self.values = values
         self.path = self._path(values, self.starts)
         """Predicted states (W, M, columns) for the present values and starts."""
         read = np.isfinite(self._residuals(self.path))
-        self.noise = {
-            name: x
-            for name, x in (noise or _FIRST_NOISE).items()
-            if read[..., self.columns[name]].any()
-        }
+        self.noise = {name: x for name, x in noise.items() if read[..., self.columns[name]].any()}
         """Standard deviations of the errors of readings."""
 
     def solve(self, iterations: int = _ITERATIONS) -> None:
@@ -437,7 +444,7 @@ class _Solver:
 
     def _path(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
         physics = physics_of(self.craft, np.repeat(values[None], len(starts), axis=0))
-        return predicted(self.craft, self.thrusts, physics, starts, self.times)
+        return predicted(self.craft, self.thrusts, physics, starts, self.times, self.step)
 
     def _sensitivities(self) -> np.ndarray:
         """Derivatives (W, M, width, P + width) of states by values, in units of prior, and by starts.
@@ -467,7 +474,7 @@ class _Solver:
             physics_of(self.craft, np.repeat(values, len(times), axis=0)),
             starts.reshape(sets * len(times), -1),
             np.tile(times, (sets, 1)),
-            _COARSE,
+            _COARSE * self.step,
         ).reshape(sets, windows, *index.shape, -1)
         slopes = np.moveaxis(self._difference(ends[1:], ends[:1]) / _DIFFERENCE, 0, -1)
         chain = np.zeros((windows, readings, self.width, sets - 1))

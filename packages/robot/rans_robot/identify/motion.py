@@ -20,7 +20,7 @@ from rans_robot.identify.log import SIZES, FlightLog
 
 STEP = 0.02
 """s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
-2e-4 rad under 4 rad/s^2, far below the noise of readings."""
+2e-4 rad under 4 rad/s^2, far below the noise of readings but in quiet logs, where it is an error of the rise."""
 _BRISK = 1e-4
 """s: a rise below it counts as a delay of half of it, since a mean over no time is rounding."""
 _AFTER = 10.0

@@ -142,7 +142,7 @@ def test_readings_between_kinks_are_exact():
 
 
 def test_intervals_of_a_log_without_noise_hold_the_truth():
-    """Errors of the prediction are 1e-4 of its numbers, and were not in the intervals."""
+    """Errors of the prediction are 1e-4 of its numbers. A fit that came to no rise stayed there, 30 ms off."""
     lab = load_conditions("lab")
     perfect = replace(lab, body=replace(lab.body, mass=1.0), sensors=SensorsConditions())
     (log,), (values,) = hidden_flights(PLATFORM, 1, 15.0, 0.2, seed=11, conditions=perfect)
@@ -150,3 +150,4 @@ def test_intervals_of_a_log_without_noise_hold_the_truth():
     error = found.values - values
     # Errors weighed by their covariance: 16 squares, below 39.3 in 999 of 1,000 samples.
     assert float(error @ np.linalg.solve(found.covariance, error)) < 39.3
+    assert np.abs(error[-2:]).max() < 5e-3
