@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft, SpatialState, Timing, Vec3
+from rans.extend import Spacecraft, SpatialState, Timing, Vec3
 from rans_missions.orbits.linear import carried, transition
 from rans_missions.tasks.inspect import Inspect
 from rans_missions.vectors import components, motion_of
@@ -43,9 +43,6 @@ def inspection_bound(
         goal: goal of the same episode, with the angle of the sun at the start in its notes.
         within: time within which it must succeed, s.
         timing: control period and checks, at which points are seen.
-
-    Raises:
-        ConfigError: the craft burns propellant.
     """
     prices = np.sort(point_prices(craft, task, start, goal, within, timing)[-1])
     allowed = math.ceil(task.unseen_tolerance * task.points - _ROUNDING) - 1
@@ -62,12 +59,8 @@ def point_prices(
 ) -> np.ndarray:
     """Least impulse with which a craft sees each point by each check, (checks, points) N s; infinite before light.
 
-    Arguments and errors are those of `inspection_bound`.
+    Arguments are those of `inspection_bound`.
     """
-    if craft.propellant is not None:
-        raise ConfigError(
-            f"the bound of an inspection is for craft of constant mass, and {craft.name} burns propellant."
-        )
     step = timing.control_period / timing.checks
     times = step * np.arange(math.floor(within / step + 1e-9) + 1)
     normals = np.array(task.normals)

@@ -257,7 +257,7 @@ def least_impulse(
         states = trajectory(meeting, start, result)
         left = [k for k in range(first, last) if k not in within and _misses(meeting, states[k])]
         fresh: list[int] = []
-        if reference is not None and limits:
+        if reference is not None:
             pairs = enumerate(zip(states[1:], reference[1:], strict=True), 1)
             fresh = [
                 k

@@ -62,9 +62,6 @@ def team_bound(
         goal: goal of the same episode, with the angle of the sun at the start in its notes.
         within: time within which it must succeed, s.
         timing: control period and checks.
-
-    Raises:
-        ConfigError: see `inspection_bound`.
     """
     prices = np.stack([point_prices(craft, task, start, goal, within, timing) for start in starts])
     asked = task.points - max(math.ceil(task.unseen_tolerance * task.points - 1e-9) - 1, 0)

@@ -15,6 +15,7 @@ from rans.extend import (
     Terminal,
     command_of,
     fly,
+    impulses,
     load_spacecraft,
     map_leaves,
     progress,
@@ -69,8 +70,7 @@ def team(deputies: int = 3, episodes: int = 8, seed: int = EVALUATION_SEED) -> T
     flight = fly(craft, task, Circumnavigation(craft, task), starts, timing)
     assert flight.done is not None
     assert flight.lengths is not None
-    forces = np.array([thruster.force for thruster in craft.thrusters])
-    spent = (flight.commands @ forces).sum(axis=0) * timing.control_period
+    spent = impulses(flight)
     states = motion_of(flight.states)
     apart = flight.margins.get("keep-apart", np.full(flight.commands.shape[:2], math.inf))
     duration = timing.control_period * timing.episode_steps
