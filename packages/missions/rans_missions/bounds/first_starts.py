@@ -24,7 +24,7 @@ from rans.extend import (
 )
 from rans_missions.bounds.mission_bounds import MissionBounds
 from rans_missions.bounds.ports import least_to_dock
-from rans_missions.bounds.zones import least_to_stay
+from rans_missions.bounds.zones import Search
 from rans_missions.convex.approach import PortMeeting, least_to_approach
 from rans_missions.convex.holding import least_of_mission
 from rans_missions.convex.inspection import inspection_bound
@@ -120,8 +120,9 @@ def _question(contest: Contest, k: int) -> Callable[[], float]:
         return partial(inspection_bound, craft, task, one.start, one.goal, contest.duration, timing)
     if numbers(one.start.v).any():
         raise ConfigError("bounds among zones and to ports are of starts at rest.")
-    least = least_to_dock if problem == "port" else least_to_stay
-    return partial(least, craft, task, one, timing)
+    if problem == "port":
+        return partial(least_to_dock, craft, task, one, timing)
+    return Search(craft, task, one, timing).bound
 
 
 def _least_propellant(lander: Lander, descent: Descent, one: Any, contest: Contest) -> float:

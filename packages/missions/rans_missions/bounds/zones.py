@@ -1,4 +1,4 @@
-"""Impulse below which no flight passes keep-out zones and stays at the goal: branch and bound (`least_to_stay`).
+"""Impulse below which no flight passes keep-out zones and stays at the goal: branch and bound.
 
 Flight and zones are seen along the way, from the start to the goal. A zone that moves across the way stays at one
 distance along it, which every flight that arrives reaches for the first time at some instant. There the flight is
@@ -60,8 +60,8 @@ _Branch = tuple[_Passing | None, ...]
 """What is asked of a flight at each zone; None: nothing."""
 
 
-def least_to_stay(craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing) -> float:
-    """Impulse below which no flight wins, N s.
+class Search:
+    """Branch and bound of the impulse below which no flight wins from a start; no node is dropped unproved.
 
     Whoever is near the goal at both ends of the last fifth has braked. The attitude is left out,
     and so are zones that do not move across the way from start to goal, or are not between them. Flights faster
@@ -73,11 +73,6 @@ def least_to_stay(craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing)
         one: start at rest and goal, of floats.
         timing: control period, checks and length of the episode.
     """
-    return Search(craft, task, one, timing).bound()
-
-
-class Search:
-    """Branch and bound of one start, with the arguments of `least_to_stay`; a node is never dropped unproved."""
 
     def __init__(self, craft: Spacecraft, task: Avoid, one: Scenario, timing: Timing) -> None:
         start: Any = one.start
