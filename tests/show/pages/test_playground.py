@@ -270,11 +270,19 @@ class Branching(PD):
         return (1.0,) * 8 if state.p.x > 0.0 else (0.0,) * 8
 
 
+class Refusing(PD):
+    """Has a sentence of its own."""
+
+    def command(self, state: Any, goal: Any) -> tuple[Any, ...]:
+        raise ConfigError("it is dark.")
+
+
 @pytest.mark.parametrize(
     ("who", "why"),
     [
         ("lqr:go-to-pose-2d", "no trained agent"),
         (f"{__name__}:Branching:go-to-pose-2d", "`command` of .*Branching.* is no arithmetic"),
+        (f"{__name__}:Refusing:go-to-pose-2d", "^it is dark"),
     ],
 )
 def test_others_are_refused_in_a_sentence(who, why):

@@ -71,7 +71,7 @@ def point_prices(
 
     # How far an impulse of 1 N s moves it along each normal, at best, in the time since the start.
     along = np.einsum("ij,tjk->tik", normals, transition(task.drift, times)[:, :3, 3:])
-    best = np.maximum.accumulate(farthest(craft, thruster_pushes(craft, start), along), axis=0)
+    best = np.maximum.accumulate(most_gained(craft, thruster_pushes(craft, start), along), axis=0)
     best = np.where(best > 0.0, best + between_checks(task, step) / craft.mass, 0.0)
 
     missing = np.maximum(task.surface_distance - free, 0.0)
@@ -108,8 +108,8 @@ def thruster_pushes(craft: Spacecraft, start: SpatialState) -> np.ndarray | None
     return np.array(in_world) / craft.mass
 
 
-def farthest(craft: Spacecraft, pushes: np.ndarray | None, along: np.ndarray) -> np.ndarray:
-    """What 1 N s of a craft adds at best, (...), where 1 m/s along each axis of W adds ``along`` (..., 3).
+def most_gained(craft: Spacecraft, pushes: np.ndarray | None, along: np.ndarray) -> np.ndarray:
+    """The most that 1 N s of a craft adds, (...), where 1 m/s along each axis of W adds ``along`` (..., 3).
 
     Its ``pushes`` are those of `thruster_pushes`.
     """

@@ -13,7 +13,7 @@ from scipy.optimize import linprog
 from rans.extend import Spacecraft, SpatialState, Timing
 from rans_missions.convex.inspection import (
     between_checks,
-    farthest,
+    most_gained,
     point_prices,
     sunlit,
     thruster_pushes,
@@ -196,7 +196,7 @@ class _Stay:
             for weight, direction, check in zip(multipliers, directions, checks[when], strict=True):
                 push[: check + 1] -= weight * (direction @ self._response[check::-1])
             between = self._between * multipliers.sum()
-            most = farthest(self._craft, self._pushes, push).max() + between
+            most = most_gained(self._craft, self._pushes, push).max() + between
             price = float(multipliers @ missing / most) if most > 0.0 else 0.0
             if price > best.price:
                 best = _Proof(price, push / most, between / most)
@@ -224,7 +224,7 @@ class _Stay:
         for point in np.flatnonzero(prices < ceiling):
             checks = np.flatnonzero(self._lit[: end + 1, point])
             along = self._normals[point] @ self._response[: end + 1]
-            most = np.maximum.accumulate(farthest(self._craft, self._pushes, along))
+            most = np.maximum.accumulate(most_gained(self._craft, self._pushes, along))
             most = most[checks] + self._between
             alone = self._missing[checks, point] / most
             best = np.maximum(alone, proof.price)
@@ -232,10 +232,10 @@ class _Stay:
             checks, most, alone = checks[live], most[live], alone[live]
             since = checks[:, None] - at
             see = along[np.maximum(since, 0)] * ((since > 0) / most[:, None])[..., None]
-            kink = farthest(self._craft, self._pushes, stay[checks])
+            kink = most_gained(self._craft, self._pushes, stay[checks])
             for part in _PARTS:
                 rest = 1.0 - part
-                pushed = farthest(self._craft, self._pushes, part * see + rest * stay[at])
+                pushed = most_gained(self._craft, self._pushes, part * see + rest * stay[at])
                 pushed = np.maximum(pushed.max(axis=1), rest * kink)
                 between = wider * (part * self._between / most + rest * proof.between)
                 both = (part * alone + rest * proof.price) / (pushed + between)
