@@ -75,9 +75,9 @@ def _slip(text: str, error: str) -> str:
         return f": the key {brief(key[1])} is there twice"
     if number := re.search(r"=\s*[-+]?(\d{1,15}),(\d{1,15})", line):
         return f": use a point, as in {brief(float(f'{number[1]}.{number[2]}'))}"
-    if foreign := re.search("[\u2010-\u2015\u2212\u00a0\u2018-\u201f]", re.sub(_STRINGS, "", line)):
-        name = unicodedata.name(foreign[0]).lower()
-        return f": it has a character of a text processor, {name}; type it anew"
+    if foreign := re.search("[^\x00-\x7f]", re.sub(_STRINGS, "", line)):
+        name = unicodedata.name(foreign[0], "a control character").lower()
+        return f": it has a character that looks like another one, {name}; type it anew"
     return ""
 
 

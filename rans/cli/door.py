@@ -38,7 +38,7 @@ Described = TypeVar("Described", bound=type)
 
 POSE = "X Y HEADING ..."
 """Placeholder of a pose in help."""
-OwnState = Annotated[tuple[str, ...], arg(metavar=f"{POSE}|FILE.toml")]
+OwnState = Annotated[tuple[str, ...], arg(metavar=POSE)]
 """Type of an option that takes a state."""
 OwnZones = Annotated[tuple[str, ...], arg(metavar="X,Y,R...")]
 """Type of an option that takes keep-out zones."""
@@ -46,7 +46,7 @@ OwnZones = Annotated[tuple[str, ...], arg(metavar="X,Y,R...")]
 _FORMS = {
     OwnState: "Write x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps roll, pitch, yaw; "
     "angles are in degrees, or with a unit, such as 0.7rad. Velocities follow by name: v.x=0.1 (m/s), w=0.1 "
-    "(rad/s). Or a TOML file (docs/optimal.md). With a start alone the goal is the origin.",
+    "(rad/s). With a start alone the goal is the origin.",
     OwnZones: "Write the centre and the radius of each, such as 1.5,0.2,0.4, in space x,y,z,r.",
 }
 """How a terminal has values for which Python has objects; printed with the first option of its type."""
