@@ -134,3 +134,11 @@ def test_burns_are_rounded_down_to_whole_pulses():
     np.testing.assert_allclose(given, np.round(given), atol=1e-9)
     assert np.all(given <= wanted)
     assert np.all(wanted - given < 1.0)
+
+
+def test_what_a_page_computes_is_what_it_flies():
+    guidance = MissionGuidance(DEPUTY, Dock())
+    starts = scenarios(Dock(), DEPUTY, 1, 5)
+    guidance.reset(5)
+    given = guidance.act(starts.start, starts.goal, np.zeros((5, 1)))
+    np.testing.assert_array_equal(np.transpose(guidance.command(starts.start, starts.goal)), given)

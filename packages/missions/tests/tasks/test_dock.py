@@ -81,6 +81,11 @@ def test_thrust_that_lowers_the_velocity_to_gain_costs_nothing_and_other_thrust_
     assert good.reward.item() == pytest.approx(0.0, abs=0.011 * 1.2 * spent)
     wrong = step(world(task), now, tuple(command[[1, 0, 3, 2, 5, 4]]))
     assert float(wrong.reward[0]) == pytest.approx(-2.4 * spent, rel=0.02)
+    # Of more than 1 m/s no more is counted.
+    fast = step(
+        world(task), world(task).begin(at((0.0, -120.0, 30.0), (3.0,) * 3), goal), (0.0,) * 6
+    )
+    assert fast.terms["gain"].item() == 0.0
 
 
 @pytest.mark.parametrize("mover", [None, "drake"])
