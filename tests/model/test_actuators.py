@@ -7,20 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans.model.actuators import OnOff, Pulsed, Throttle
-from rans.model.spacecraft_file import parse_spacecraft
-
-FILE = """
-name = "probe"
-dimension = 2
-mass = 1.0
-inertia = 1.0
-{}
-[[thruster]]
-position = [0.0, 0.0]
-direction = [1.0, 0.0]
-force = 1.0
-"""
+from rans.model.actuators import Pulsed, Throttle
 
 
 def listed(actuators: Any, *command: float) -> list[tuple[float, list[float]]]:
@@ -90,14 +77,3 @@ def test_a_command_below_half_the_least_level_shuts_an_engine(least):
     assert [*engine.levels(given)] == pytest.approx([0.0, 0.0, least, least, 0.9])
     arrays = engine.levels([np.array(given)])
     np.testing.assert_allclose(arrays[0], [0.0, 0.0, least, least, 0.9])
-
-
-def test_files_say_which():
-    def read(text):
-        with pytest.warns(UserWarning, match="cannot push"):
-            return parse_spacecraft(FILE.format(text), "probe").actuators
-
-    assert read("") == OnOff()
-    assert read('[actuators]\nkind = "on-off"') == OnOff()
-    assert read('[actuators]\nkind = "throttle"') == Throttle()
-    assert read('[actuators]\nkind = "pulsed"\ncounts = 50\nleast = 3') == Pulsed(50, 3)
