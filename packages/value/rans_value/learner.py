@@ -62,7 +62,7 @@ _LOST = 6.0
 """Value, in times in which the craft gains its range and that at full thrust, beyond which flights do not go on."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
-_FITTED = 0.82
+_FITTED = 0.75
 """Part of the training in which the value function is fitted. Then its commands are imitated, by iterations that
 take as long."""
 _RATE = 1e-3
@@ -83,7 +83,7 @@ _LEVELS = (0.5, 0.25, 0.1)
 least time or impulse open them wholly; holding a pose, or a spin between two pulses, takes less."""
 _LABELS = 32
 """Patterns whose costs are labels of the policy, of those that are tried: those of least cost."""
-_DECIDED = 0.1
+_DECIDED = 0.02
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
 """Log-odds of a valve for a command between 0 and 1 of craft that have those."""
@@ -104,7 +104,7 @@ class ValueSettings:
     rounds: int = 4
     """Rounds of flights in an iteration."""
     updates: int = 32
-    """Gradient steps of the value function in a round, and a tenth of those of the policy in an iteration."""
+    """Gradient steps of the value function in a round, and a thirtieth of those of the policy in an iteration."""
     batch: int = 65536
     """States in a gradient step of the value function."""
 
@@ -534,7 +534,7 @@ class ValueLearner:
         precision = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision("high")
         try:
-            for _ in range(10 * self._own.updates):
+            for _ in range(30 * self._own.updates):
                 chosen = self._indices(len(labels[0]), self.settings.batch_size)
                 _put(self._batch, [x[chosen] for x in labels])
                 norms.append(self._descent().clone())
@@ -743,10 +743,11 @@ class Newest(GreedyController):
         )
 
 
-_ITERATIONS = 272
-"""Iterations of a training; what more of them gain: docs/decisions/value.md."""
+_ITERATIONS = (96, 272)
+"""Iterations of a training that begins with values of a craft alike, and from nothing; what more of them gain:
+docs/decisions/value_policy.md."""
 _POLICY: dict[str, Any] = {
-    "n_envs": 24576,
+    "n_envs": 12288,
     "n_steps": 8,
     "batch_size": 16384,
     "learning_rate": 1e-3,
@@ -754,8 +755,7 @@ _POLICY: dict[str, Any] = {
     "matmul": "float32",
     "zoom": 16.0,
 }
-"""Hyper-parameters of the policy. As many states are labelled at once as begin a round of flights, as compiled
-functions are for one number."""
+"""Hyper-parameters of the policy."""
 _SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
 _SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024, "layers": (128, 128)}
 """Sizes of fit and policy on a CPU, in place of those of a GPU."""
@@ -790,11 +790,12 @@ class Value(Algorithm):
         """Config with hyper-parameters known to work."""
         is_small = config.device.startswith("cpu")
         ppo = replace(config.ppo, **_POLICY | (_SMALL_POLICY if is_small else {}))
+        iterations = _ITERATIONS[is_small or type(config.settings) not in _POSES]
         return replace(
             config,
             ppo=ppo,
             learner=config.learner | (_SMALL if is_small else {}),
-            total_timesteps=_ITERATIONS * ppo.n_envs * ppo.n_steps,
+            total_timesteps=iterations * ppo.n_envs * ppo.n_steps,
             report_interval=40,
             curriculum=(),
             solved_share=None,
