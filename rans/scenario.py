@@ -33,9 +33,6 @@ ASSURANCE_SEED = 2026
 CHOICE_SEED = 2032
 """Seed of the flights that choose a value of an agent for any craft (`rans.evaluation.fly.choice`)."""
 
-TRAINED_SEED = 2029
-"""Seed of the starts from which a trained agent is compared with others at the end of its training."""
-
 
 @dataclass(frozen=True)
 class Scenario:

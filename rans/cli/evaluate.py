@@ -28,7 +28,6 @@ from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from rans.randomization.conditions import Conditions
 
@@ -121,7 +120,9 @@ class Evaluate(Options):
 
     def _show(self, file: Path, run: LoadedRun, flights: dict[str, Flight]) -> bool:
         """Measure, print and write flights from the same starts; returns whether two engines agree."""
-        from rans.evaluation.measure.aggregate import ROOM, measure
+        from rans.evaluation.fly.evidence import about
+        from rans.evaluation.measure.aggregate import ROOM, measure, save_episodes
+        from rans.show.pages.report import evaluation_page
 
         measured = {name: measure(flight) for name, flight in flights.items()}
         console = Terminal(room=ROOM)
@@ -143,48 +144,28 @@ class Evaluate(Options):
             solved, run, self.conditions, self.changed("guard", "protocol", "period")
         ):
             Terminal().say(text)
+        # Numbers first, then page, flights and figures beside them.
         flight = next(iter(flights.values()))
-        self._write(file, run, results, [*measured.values()], flight)
-        written = self._write_files(file, flight)
-        Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
-        return passed
-
-    def _write(
-        self,
-        file: Path,
-        run: LoadedRun,
-        results: dict[str, Any],
-        measured: list[Metrics],
-        flight: Flight,
-    ) -> None:
-        """Write the file of the results, and page, flights and figures beside it."""
-        from rans.evaluation.fly.evidence import about
-        from rans.evaluation.measure.aggregate import save_episodes
-        from rans.show.pages.report import evaluation_page
-
-        suffix = _suffix(file)
-        made = about(str(self.agent), run.judged, "rans.evaluate")
+        suffix = file.stem.removeprefix("evaluation")
+        results["conditions"] = self._conditions(run, flight.commands.shape[1])
+        results["about"] = about(str(self.agent), run.judged, "rans.evaluate")
         beside = [f"episodes{suffix}.npz", f"episode{suffix}.svg"]
-        beside += [f"{name}{suffix}" for name in FLIGHT_FILES]
-        conditions = self._conditions(run, flight.commands.shape[1])
-        write_json(file, results | {"conditions": conditions, "about": made}, beside)
+        write_json(file, results, beside + [f"{name}{suffix}" for name in FLIGHT_FILES])
         save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
-        page = evaluation_page(measured, flight, command_line())
+        page = evaluation_page([*measured.values()], flight, command_line())
         page.write(inside(file.parent, f"evaluation{suffix}.html"))
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
 
             with doing("drawing the flights", in_log=False):
                 save_flight_figures(flight, file.parent, suffix)
-
-    def _write_files(self, file: Path, flight: Flight) -> str:
-        """Write flights in the forms of installed packages, if asked to; returns where, for a sentence."""
         written = ""
         for name in FLIGHT_FILES if self.full else ():
-            to = file.with_name(f"{name}{_suffix(file)}")
+            to = file.with_name(f"{name}{suffix}")
             if what := FLIGHT_FILES[name](flight, to):
                 written += f", and {what} to {to}"
-        return written
+        Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
+        return passed
 
     def _file(self, run: LoadedRun) -> Path:
         """File of the results, whose name has every option that changes figures; ConfigError if it is a link."""
@@ -234,8 +215,3 @@ class Evaluate(Options):
         if run.conditions is None:
             return options
         return options | {"conditions": asdict(run.conditions)}
-
-
-def _suffix(file: Path) -> str:
-    """What stands behind "evaluation" in the name of a file of results."""
-    return file.stem.removeprefix("evaluation")

@@ -85,6 +85,7 @@ class FlightsFile:
 
         A period that is named twice for one start is refused; one that is not named is a coast.
         """
+        timing = self._setup.timing
         flights: dict[int, dict[int, np.ndarray]] = {}
         for line, row in table.rows:
             where = f"{table.what}, line {line}"
@@ -94,7 +95,9 @@ class FlightsFile:
             steps = flights.setdefault(int(start), {})
             if not any(cells.values()):
                 continue
-            self._check_step(where, step, time)
+            if not 0 <= step < timing.episode_steps:
+                last = (timing.episode_steps - 1) * timing.control_period
+                raise ConfigError(f"{where}: time must be 0 to {last:g} s, got {time:g} s.")
             if step in steps:
                 raise ConfigError(f"{where}: start {start:g} has two rows for {time:g} s.")
             steps[step] = np.array([table.number(line, *cell) for cell in cells.items()])
@@ -146,13 +149,6 @@ class FlightsFile:
                 f"{where}: time must be a multiple of the control period of {period:g} s, got {time:g} s."
             )
         return step
-
-    def _check_step(self, where: str, step: int, time: float) -> None:
-        """Refuse (`ConfigError`) commands outside the episode; a coast may stand there."""
-        timing = self._setup.timing
-        if not 0 <= step < timing.episode_steps:
-            last = (timing.episode_steps - 1) * timing.control_period
-            raise ConfigError(f"{where}: time must be 0 to {last:g} s, got {time:g} s.")
 
     def _check(self) -> None:
         """Refuse (`ConfigError`) what the spacecraft cannot give in a period; rounds on/off commands in place."""
