@@ -149,14 +149,14 @@ console.log(JSON.stringify(taken));"""
     ],
 )
 def test_its_commands_are_those_of_the_agent(name, tmp_path):
-    """On whole flights, memory and all; no choice is close there, so that weights of 16 bits change none.
+    """On flights, memory and all; no choice is close there, so that weights of 16 bits change none.
 
     A throttle's duty is off by less than a thousandth.
     """
     run = run_of(name)
     controller = run.controller
     assert isinstance(controller, Agent)
-    setup = Setup(run.craft, run.task, replace(run.timing, episode_steps=50))
+    setup = Setup(run.craft, run.task, replace(run.timing, episode_steps=20))
     flights = flights_of_training(controller, setup, count=24)
     pairs = golden(controller.network, flights, run.craft)
     page = playground(run, SEED)
