@@ -38,7 +38,7 @@ def test_both_engines(capsys, run_folder):
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 
-def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, ran):
+def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, here, ran):
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
     monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 2)
     flies = episodes._Flyer.fly
@@ -51,7 +51,7 @@ def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, ran):
     monkeypatch.setattr(episodes._Flyer, "fly", fly)
     text = ran("evaluate lqr:go-to-pose-2d --engine both --episodes 6", code=130)
     assert "LQR: 4 episodes" in text
-    written = Path("runs/evaluations/lqr-go-to-pose-2d/evaluation.json")
+    written = here / "runs/evaluations/lqr-go-to-pose-2d/evaluation.json"
     assert json.loads(written.read_text())["conditions"]["episodes"] == 6
 
 
