@@ -5,15 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rans_missions.slosh.liquid import Slosh
 from rans_missions.slosh.swinging import paces
 from rans_optimal.checks import check_craft
 from scipy.special import jnp_zeros
 
 import rans
-from rans import BodyConditions, Conditions, ConfigError
+from rans import BodyConditions, Conditions, ConfigError, Spacecraft
 from rans.evaluation.compare.bounds import check_certifiable
 from rans.model.actuators import Propellant, Wheel
-from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire
 from rans.reference.plant import Plant
 from tests.support.pairs import InOrbit
@@ -94,14 +94,55 @@ def test_bodies_for_which_friction_is_too_fast_are_refused(is_alone):
         rans.Engine(craft, "go-to-pose", 2, conditions=conditions)
 
 
-def test_conditions_are_checked_with_centres_of_mass_all_around():
-    slosh = replace(SLOSH, hinge=(-0.1, 0.0, 0.0), direction=(1.0, 0.0, 0.0), length=0.2)
-    craft = replace(SLOSHING, further_effectors=(slosh,))
-    checked = slosh._extreme_bodies(craft, Conditions(body=BodyConditions(centre=0.07)))
-    fastest = max(paces(slosh, craft, body)[1] for body in checked)
-    for x in (-0.07, 0.07):
-        body = replace(Body.of(craft), centre=(x, 0.0))
-        assert paces(slosh, craft, body)[1] < 1.01 * fastest
+def _slowing(craft: Spacecraft, slosh: Slosh, shift: np.ndarray, rod: np.ndarray) -> float:
+    """Fastest rate at which friction alone slows a rod that points anywhere, 1/s: an eigenvalue.
+
+    Of the spins of craft and rod, by the kinetic energy of a rigid part and a point about their centre of mass.
+    """
+
+    def crossed(a: np.ndarray) -> np.ndarray:
+        return np.cross(np.eye(3), a)
+
+    rigid = craft.mass - slosh.mass
+    reduced = rigid * slosh.mass / craft.mass
+    hinge = np.array(slosh.hinge) - craft.centre_of_mass - shift
+    at_rest = hinge + slosh.length * np.array(slosh.direction)
+    between = at_rest * craft.mass / rigid
+    arm = hinge + at_rest * slosh.mass / rigid
+    # Inertia of the rigid part; the point's velocity relative to its centre is of both spins.
+    inertia = np.array(craft.inertia) - reduced * crossed(between) @ crossed(between).T
+    moves = np.hstack([crossed(arm), crossed(slosh.length * rod)])
+    energy = reduced * moves.T @ moves
+    energy[:3, :3] += inertia
+    slip = np.hstack([-np.eye(3), np.eye(3)])
+    axes = np.eye(6)[:, [2, 5]]
+    if craft.dimension == 3:
+        # A point has no inertia about its rod, about which friction does nothing.
+        axes = np.hstack([np.eye(6)[:, :3], np.vstack([np.zeros((3, 3)), crossed(rod)])])
+        axes = np.linalg.svd(axes)[0][:, :5]
+        slip = (np.eye(3) - np.outer(rod, rod)) @ slip
+    friction = slosh.damping * axes.T @ slip.T @ slip @ axes
+    return float(np.linalg.eigvals(np.linalg.solve(axes.T @ energy @ axes, friction)).real.max())
+
+
+@pytest.mark.parametrize("dimension", [2, 3])
+def test_friction_stops_no_rod_faster_than_its_steps_are_for(dimension):
+    """Rods and shifts of the centre of mass that point anywhere come near the fastest rate."""
+    random = np.random.default_rng(dimension)
+    if dimension == 2:
+        slosh = replace(SLOSH, hinge=(-0.1, 0.0, 0.0), direction=(1.0, 0.0, 0.0), length=0.2)
+        craft = replace(SLOSHING, further_effectors=(slosh,))
+    else:
+        slosh = IN_SPACE_SLOSH
+        craft = IN_SPACE
+    directions = random.normal(size=(600, 2, 3)) * (1.0, 1.0, dimension - 2.0)
+    directions /= np.linalg.norm(directions, axis=2, keepdims=True)
+    for most in (0.0, 0.07):
+        conditions = Conditions(body=BodyConditions(centre=most))
+        bodies = slosh._extreme_bodies(craft, conditions)
+        fastest = max(paces(slosh, craft, body)[1] for body in bodies)
+        found = max(_slowing(craft, slosh, most * shift, rod) for shift, rod in directions)
+        assert 0.9 * fastest < found < 1.0001 * fastest
 
 
 @pytest.mark.parametrize(
