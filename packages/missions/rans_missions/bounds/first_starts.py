@@ -30,6 +30,7 @@ from rans_missions.convex.holding import least_of_mission
 from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.landing import Descent, Lander, best_landing
 from rans_missions.convex.rendezvous import Meeting, state_of
+from rans_missions.tasks import Avoid, DockPort
 from rans_missions.vectors import numbers
 
 _SHORTEST = 2.0
@@ -118,8 +119,9 @@ def _question(contest: Contest, k: int) -> Callable[[], float]:
     check_certifiable(craft, wheels=True)
     if problem == "inspection":
         return partial(inspection_bound, craft, task, one.start, one.goal, contest.duration, timing)
-    if numbers(one.start.v).any():
-        raise ConfigError("bounds among zones and to ports are of starts at rest.")
+    # A class derived from these may end, move or drift otherwise.
+    if type(task) not in (Avoid, DockPort) or numbers(one.start.v).any():
+        raise ConfigError("bounds among zones and to ports are of Avoid and DockPort from rest.")
     if problem == "port":
         return partial(least_to_dock, craft, task, one, timing)
     return Search(craft, task, one, timing).bound

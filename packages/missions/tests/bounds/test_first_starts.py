@@ -17,6 +17,7 @@ from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses
+from rans.model.drift import UniformGravity
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import differences, outcome, scoreboard, to_json
@@ -62,6 +63,8 @@ def test_other_contests_have_none():
     start = moving.starts.start
     vars(moving)["starts"] = replace(moving.starts, start=replace(start, v=start.p))
     assert not bounded(moving)
+    falling = type("Falling", (Avoid,), {"drift": UniformGravity((0.1, 0.0))})()
+    assert not bounded(Contest(load_spacecraft("floating-platform"), falling, Avoid.timing, 5, 2))
 
 
 @pytest.mark.parametrize("name", ["avoid-2d", "dock-port-2d"])

@@ -45,6 +45,15 @@ def test_no_change_of_velocity_docks_below_the_bound(rate, episode):
     assert rate > 3.0 or bound >= 0.6 * cheapest
 
 
+def test_from_ahead_of_a_port_the_bound_is_that_of_the_straight_way():
+    """As slowly as the episode of 40 s allows, from 3 m before the port to 2 cm."""
+    task = replace(DockPort(), port_rate=(0.0, 0.0))
+    one: Any = scenario(task, 2, 7, 0)
+    ahead = replace(one.start, p=one.goal.p.scale(3.65 / 0.65))
+    bound = least_to_dock(PLATFORM, task, replace(one, start=ahead), task.timing)
+    assert bound == pytest.approx(PLATFORM.mass * 2.98 / 40.0, rel=1e-6)
+
+
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_spans_contain_the_mouth_and_the_port(dimension):
     """Random points of the mouth, or up to 2.5 cm behind it, and near the docked position, at any instant.
