@@ -53,7 +53,8 @@ def add_relaxed(
 ) -> None:
     """Add optima with partly open thrusters to a comparison, or the reason for which there are none.
 
-    The least time comes first: starts that cannot arrive by a horizon are then known, and not searched.
+    Times come first: starts from which no found trajectory arrives by a horizon are then known, and not searched.
+    That proves nothing, as these times are local optima.
     """
     contest = comparison.contest
     try:
@@ -63,7 +64,7 @@ def add_relaxed(
     except ConfigError as reason:
         comparison.notes.append(f"No optimum is computed: {reason}")
         return
-    earliest: list[float] = []
+    fastest: list[float] = []
     # Who arrives in the last fifth of an episode has not settled (`rans.verdict`).
     steps = contest.timing.episode_steps
     latest = contest.timing.control_period * (steps - last_fifth(steps))
@@ -72,16 +73,16 @@ def add_relaxed(
     for objective in objectives(contest, horizons, returns):
         step = stages(f"relaxed optimum: {objective.name}", contest.episodes)
         with comparison.noting(objective.name):
-            found = solve(contest, objective, workers, step, earliest)
+            found = solve(contest, objective, workers, step, fastest)
             comparison.relaxed[objective.name] = found
             if isinstance(objective, MinimumTime):
-                earliest = [optimum.arrival for optimum in found]
-            # What a craft cannot do is a result; what the optimiser cannot find is a failure.
-            late = [optimum for optimum in found if optimum.too_early]
+                fastest = [optimum.arrival for optimum in found]
+            # What is not searched is no failure; what the optimiser cannot find is one.
+            late = [fastest[optimum.start] for optimum in found if optimum.too_early]
             if late:
                 comparison.notes.append(
-                    f"{objective.name}: impossible from {len(late)} of {counted(len(found), 'start')}, "
-                    f"whose least time is at least {min(earliest[k.start] for k in late):.3g} s."
+                    f"{objective.name}: not searched from {len(late)} of {counted(len(found), 'start')}, where "
+                    f"the fastest trajectories found take {min(late):.3g} s or more."
                 )
             lost = [
                 optimum.status for optimum in found if not (optimum.solved or optimum.too_early)
@@ -107,7 +108,7 @@ def solve(
     objective: Objective,
     workers: int | None = None,
     progress: Progress = unseen,
-    earliest: Sequence[float] = (),
+    fastest: Sequence[float] = (),
 ) -> list[Relaxed]:
     """Optimise from every start of a contest; for workers and progress see `optima`.
 
@@ -116,15 +117,15 @@ def solve(
         objective: objective.
         workers: processes.
         progress: reports solved problems.
-        earliest: least times of the starts, s, NaN where it is not known. Starts from which an arrival at the
-            horizon of a least impulse is impossible are not optimised.
+        fastest: times of the fastest trajectories found, s, NaN where there is none. Starts from which they arrive
+            after the horizon of a least impulse are not optimised.
     """
     usual = usual_guesses(contest.craft, contest.task, objective)
     guesses = max(_GUESSES, usual) if isinstance(objective, MaximumReward) else usual
     # Starts from which there is a trajectory in this time.
     horizon = objective.horizon if isinstance(objective, MinimumFuel) else math.inf
-    # Starts whose arrival the horizon forbids are rows without a flight.
-    late = {k for k, least in enumerate(earliest) if least > horizon}
+    # Starts that arrive after the horizon are rows without a flight.
+    late = {k for k, time in enumerate(fastest) if time > horizon}
     possible = [k for k in range(contest.episodes) if k not in late]
     starts = map_leaves(lambda x: x[possible], contest.starts)
     answers = (
@@ -147,13 +148,13 @@ def solve(
     }
     progress(len(late))
     return [
-        _too_early(objective, k, earliest[k]) if k in late else solved[k]
+        _too_early(objective, k, fastest[k]) if k in late else solved[k]
         for k in range(contest.episodes)
     ]
 
 
-def _too_early(objective: Objective, start: int, least: float) -> Relaxed:
-    status = f"impossible: the least time is {least:.3g} s"
+def _too_early(objective: Objective, start: int, time: float) -> Relaxed:
+    status = f"not searched: the fastest trajectory found takes {time:.3g} s"
     return Relaxed(
         _NAMES[type(objective)], start, status, solved=False, seconds=0.0, too_early=True
     )

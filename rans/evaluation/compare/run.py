@@ -66,7 +66,8 @@ class Relaxed:
     replay_error: float = math.nan
     """Largest distance between the optimised path and the flight in Drake, m."""
     too_early: bool = False
-    """Whether the objective's time is less than the least time from this start: not a failure, but impossible."""
+    """Whether it is not searched, as the fastest trajectory found from this start takes longer: no failure, and no
+    proof, for that one is a local optimum."""
 
 
 @dataclass

@@ -379,9 +379,9 @@ def _outcome(row: Mapping[str, Any]) -> str:
     ):
         if math.isfinite(value := number(row.get(key))):
             text += f", {value:.2f} {what}"
-    impossible = row.get("impossible", 0)
-    lost = row["starts"] - row["flown"] - impossible
-    text += f"; impossible in this time from {impossible}" if impossible else ""
+    late = row.get("too_early", 0)
+    lost = row["starts"] - row["flown"] - late
+    text += f"; not searched from {late}, where the fastest found take longer" if late else ""
     return text + (f"; the optimiser found none from {lost}" if lost else "")
 
 

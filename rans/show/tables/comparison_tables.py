@@ -346,7 +346,7 @@ def relaxed_table(comparison: Comparison) -> Table:
         middle = [_median(solved, key) for key in ("arrival", "settling", "thrust", "total")]
         worst = max((optimum.replay_error for optimum in solved), default=None)
         late = sum(optimum.too_early for optimum in optima)
-        count = f"{len(solved)} of {len(optima)}" + (f"; {late} impossible" if late else "")
+        count = f"{len(solved)} of {len(optima)}" + (f"; {late} not searched" if late else "")
         rows.append((name, count, *middle, worst, _median(solved, "seconds")))
     medians = ("at the goal, s", "settling time, s", "impulse, N s", "return")
     columns = ("objective", "solved", *medians, "largest replay error, m", "solve time, s")
@@ -447,7 +447,7 @@ def _bound_summary(comparison: Comparison) -> Iterator[dict[str, Any]]:
             "kind": "bound",
             "starts": len(rows),
             "flown": len(solved),
-            "impossible": sum(row.too_early for row in rows),
+            "too_early": sum(row.too_early for row in rows),
             "solved": sum(math.isfinite(row.settling) for row in solved),
             "median_settling_time": _median(solved, "settling"),
             "mean_impulse": float(np.mean([row.thrust for row in solved])) if solved else None,
