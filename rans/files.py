@@ -277,21 +277,19 @@ def writing_at_end(write: Callable[[], object], file: Path | None = None) -> Ite
 @contextlib.contextmanager
 def _alone(file: Path) -> Iterator[None]:
     """Context of one process alone, for the same file; it leaves no lock behind, and no empty folders."""
-    missing = [parent for parent in file.parents if not parent.exists()]
     path = file.with_name(f".{file.name}{LOCK}")
     lock = Lock(path)
-    lock.take(
-        f"another process is flying for {file}, too: wait until it has ended, or write into another folder "
-        "(--output, where the command has it)."
-    )
-    try:
-        yield
-    finally:
-        with contextlib.suppress(OSError):
-            path.unlink()
-            for parent in missing:
-                parent.rmdir()
-        lock.release()
+    with _made(path.parent):
+        lock.take(
+            f"another process is flying for {file}, too: wait until it has ended, or write into another folder "
+            "(--output, where the command has it)."
+        )
+        try:
+            yield
+        finally:
+            with contextlib.suppress(OSError):
+                path.unlink()
+            lock.release()
 
 
 def distinct(name: str, content: str = "") -> str:
@@ -308,6 +306,19 @@ def distinct(name: str, content: str = "") -> str:
         return plain
     digest = hashlib.sha256(source.encode("utf-8", "surrogatepass")).hexdigest()
     return f"{plain}-{digest[:8]}"
+
+
+@contextlib.contextmanager
+def _made(folder: Path) -> Iterator[None]:
+    """Context in which a folder exists; it and its parents go again where they were missing and are empty."""
+    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
+    _make_folder(folder)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # something was written there
+            for parent in missing:
+                parent.rmdir()
 
 
 def _make_folder(folder: Path) -> None:
@@ -330,14 +341,11 @@ def ready_folder(folder: Path) -> Path:
     Raises:
         ConfigError: the folder cannot be created, or nothing can be written there.
     """
-    missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
-    _make_folder(folder)
-    ready = os.access(folder, os.W_OK | os.X_OK)
-    with contextlib.suppress(OSError):  # another process writes there
-        for parent in missing:  # work that fails leaves no empty folder
-            parent.rmdir()
-    if not ready:
-        raise ConfigError(f"cannot write into {folder}: permission denied; choose another folder.")
+    with _made(folder):
+        if not os.access(folder, os.W_OK | os.X_OK):
+            raise ConfigError(
+                f"cannot write into {folder}: permission denied; choose another folder."
+            )
     return folder
 
 

@@ -372,12 +372,11 @@ def _entry_points(group: str) -> list[EntryPoint]:
     for package in distributions():
         try:
             if chosen(package):  # to read the name of every package takes ten times as long
-                first = distribution(
-                    package.name
-                )  # a stale one further on the path counts for nothing
-                points.setdefault(first.name, chosen(first))
+                # A stale one further on the path counts for nothing.
+                first = distribution(package.name)
+                points[first.name] = chosen(first)
         except Exception as error:  # metadata of other packages may hold anything
-            points[package.name] = []
+            points.setdefault(package.name, [])
             if f"[{group}" in (package.read_text("entry_points.txt") or ""):
                 warnings.warn(
                     f"the entry points of the package {package.name} cannot be read, and nothing of it is "

@@ -50,8 +50,8 @@ def flown(
 ) -> Flight:
     """Fly consecutive episodes of a seed, with progress.
 
-    With a start among the endpoints, and without conditions, one episode flies: all would be the same. The first
-    episodes, as many as have ended, are given to ``save`` each minute, and at the end or after an interrupt.
+    With a start among the endpoints, and without conditions, one episode flies: all would be the same. After an
+    interrupt or an error ``save`` is given the first episodes, as many as have ended.
 
     Raises:
         ConfigError: the engine does not exist, a number is out of its range, or start or goal is no state of the
@@ -67,23 +67,23 @@ def flown(
         count = endpoints.episodes(count, run.conditions)
     parts: dict[int, Flight] = {}
 
-    def keep() -> None:
+    try:
+        with watched() as stage:
+            flight = fly_episodes(
+                run.controller,
+                run.judged,
+                seed,
+                count,
+                engine,
+                progress=stage(f"{run.controller.name}, {engine} engine", count),
+                first=first,
+                endpoints=endpoints,
+                parts=parts,
+            )
+    except BaseException:
         if (ended := so_far(parts)) is not None:
             save(ended)
-
-    with writing_at_end(keep), watched(keep) as stage:
-        step = stage(f"{run.controller.name}, {engine} engine", count)
-        flight = fly_episodes(
-            run.controller,
-            run.judged,
-            seed,
-            count,
-            engine,
-            progress=step,
-            first=first,
-            endpoints=endpoints,
-            parts=parts,
-        )
+        raise
     if flight.stopped:
         warnings.warn(
             f"{run.controller.name}'s solver stopped {flight.stopped} times; the previous plan was continued.",

@@ -115,7 +115,9 @@ class Evaluate(Options):
             for engine in engines:
                 if self.engine in (engine, "both"):
                     save = partial(flights.__setitem__, engine)
-                    flown(run, self.episodes, self.seed, engine, endpoints=own, save=save)
+                    flights[engine] = flown(
+                        run, self.episodes, self.seed, engine, endpoints=own, save=save
+                    )
         return passed
 
     def _show(self, file: Path, run: LoadedRun, flights: dict[str, Flight]) -> bool:

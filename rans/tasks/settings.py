@@ -17,6 +17,10 @@ Tree = TypeVar("Tree")
 """A task, or any nested dataclasses and tuples of numbers."""
 
 
+_MOST = 1e15
+"""Largest setting; sums of squares of larger ones exceed the range of float32."""
+
+
 def check_settings(task: Any) -> None:
     """Reject impossible settings, with bounds that follow from their names; booleans are not checked.
 
@@ -41,8 +45,8 @@ def check_settings(task: Any) -> None:
             for x in (value if isinstance(value, tuple) else (value,))
             if isinstance(x, int | float | np.generic) or getattr(x, "shape", None) != ()
         ]
-        if not all(isinstance(x, int | float) and math.isfinite(x) and x >= 0 for x in numbers):
-            raise ConfigError(f"{name} must be finite and not negative, got {value!r}.")
+        if not all(isinstance(x, int | float) and 0 <= x <= _MOST for x in numbers):
+            raise ConfigError(f"{name} must be from 0 to {_MOST:g}, got {value!r}.")
         if name == "sharpness" and not (isinstance(value, int) and 1 <= value <= 8):
             raise ConfigError(f"{name} must be a whole number from 1 to 8, got {value!r}.")
         if isinstance(value, tuple) and value[0] > value[1]:

@@ -38,9 +38,7 @@ def test_every_task_charges_for_open_thrusters_only(kind):
     assert charged == {"thrust"}
     dearer = kind(thrust_weight=0.5, spin_weight=0.25).reward(Transition(PLANAR, goal, *WORK))
     assert (dearer["thrust"], dearer["spin"]) == (-1.5, -0.05)
-    with pytest.raises(
-        ConfigError, match=r"spin_weight must be finite and not negative, got -0\.1"
-    ):
+    with pytest.raises(ConfigError, match="spin_weight must be from 0"):
         kind(spin_weight=-0.1)
 
 

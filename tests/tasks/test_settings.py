@@ -87,5 +87,5 @@ def test_numbers_of_tasks_within_a_task():
 def test_what_a_map_makes_is_checked_where_that_is_asked():
     negative = map_settings(lambda name, number: -number, GoToPose())
     assert negative.fine_scale == -GoToPose().fine_scale
-    with pytest.raises(ConfigError, match="not negative"):
+    with pytest.raises(ConfigError, match="from 0 to"):
         map_settings(lambda name, number: -number, GoToPose(), checked=True)

@@ -98,7 +98,7 @@ class ValueSettings:
     """
 
     units: int = 512
-    """Units of each of the four hidden layers of the value function."""
+    """Units of each of the four hidden layers; with others than those that ship the fit begins from nothing."""
     states: int = 24576
     """States from which a round of flights begins."""
     rounds: int = 4
@@ -148,9 +148,10 @@ class ValueNetwork(nn.Module):
     def resembles(self, other: ValueNetwork) -> bool:
         """Whether it has the layers of the value function of another craft, and its inputs but for their phases."""
 
-        def sizes(network: ValueNetwork) -> tuple[int, int]:
+        def sizes(network: ValueNetwork) -> tuple[int, int, int]:
             units, inputs = network.first.weight.shape
-            return units, inputs - network.problem.phases
+            problem = network.problem
+            return units, inputs - problem.phases, problem.dimension
 
         return sizes(self) == sizes(other)
 
@@ -405,9 +406,8 @@ class ValueLearner:
     def _alike(self) -> ValueNetwork | None:
         """Value function of the craft most alike of those that ship, or None where the layers differ."""
         own = self.problem
-        runs = [RunFolder(folder) for folder in sorted(SHIPPED.iterdir())]
-        folders = [run.path for run in runs if run.spacecraft().dimension == own.dimension]
-        networks = [GreedyController(folder)._designed.value for folder in folders]
+        files = sorted(SHIPPED.glob("*/config.json"))
+        networks = [GreedyController(file.parent)._designed.value for file in files]
         return min(
             (x for x in networks if self.value.resembles(x)),
             key=lambda x: abs(math.log(x.problem.scale / own.scale)),

@@ -352,15 +352,20 @@ def test_other_craft_and_conditions_are_refused():
 
 
 def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly():
+    best = partial(training_of_quality, "go-to-pose", quality="best")
     for spacecraft, device, algorithm in (
         ("atmos", "cuda", "value"),
         ("atmos", "cpu", "ppo"),
         ("free-flyer", "cuda", "ppo"),
     ):
-        config = training_of_quality("go-to-pose", spacecraft, "best", device)
-        assert config.algorithm == algorithm
-        assert config.task == "go-to-pose"
-    assert training_of_quality("go-to-pose", None, "best", "cuda", True).algorithm == "ppo"
-    assert (
-        training_of_quality("go-to-pose", None, "best", "cuda", algorithm="ppo").algorithm == "ppo"
-    )
+        assert best(spacecraft, device=device).algorithm == algorithm
+    assert best(None, device="cuda", randomized=True).algorithm == "ppo"
+    assert best(None, device="cuda", algorithm="ppo").algorithm == "ppo"
+    # Fits of other tasks, and small ones, begin from nothing.
+    for task, device, iterations in (
+        ("go-to-pose", "cuda", 96),
+        ("dock-port", "cuda", 272),
+        ("go-to-pose", "cpu", 272),
+    ):
+        begun = Value.started(replace(training(task, device=device), algorithm="value"))
+        assert begun.total_timesteps == iterations * begun.ppo.n_envs * begun.ppo.n_steps

@@ -145,6 +145,10 @@ class RunFolder:
 
     def spacecraft(self) -> Spacecraft:
         """Spacecraft at the start of training, independent of later changes to its file."""
+        if not self.spacecraft_file.exists():
+            raise ConfigError(
+                f"{self.path} lacks its spacecraft.toml: copy the whole folder again."
+            )
         return read_spacecraft(self.spacecraft_file)
 
     def append_metrics(self, row: dict[str, Any]) -> None:
