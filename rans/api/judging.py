@@ -81,8 +81,8 @@ def flown(
                 parts=parts,
             )
     except BaseException:
-        if (ended := so_far(parts)) is not None:
-            save(ended)
+        if 0 in parts:
+            save(so_far(parts))
         raise
     if flight.stopped:
         warnings.warn(
@@ -279,8 +279,11 @@ def compare(
 
     def end() -> None:
         result.waiting = ()
-        with writing_at_end(lambda: show(result) if show is not None else None):
+        try:
             save(is_over=True)
+        finally:
+            if show is not None:
+                show(result)
 
     # Quick opponents first; results so far are written even after an interrupt.
     quick, slow = result.quick_and_slow(opponents)

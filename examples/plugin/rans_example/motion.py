@@ -32,7 +32,9 @@ class Bowl(Drift):
 
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Position (m) and velocity (m/s) of p'' = -f^2 p after a time t (s), in closed form."""
-        f, c, s = self.frequency, cosine(self.frequency * t), sine(self.frequency * t)
+        f = self.frequency
+        c = cosine(f * t)
+        s = sine(f * t)
         return p.scale(c) + v.scale(s / f), v.scale(c) - p.scale(f * s)
 
 

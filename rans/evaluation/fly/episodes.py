@@ -79,15 +79,13 @@ def fly_episodes(
     for number, part in pool.finished(_Flyer.fly, jobs):
         parts[number] = part
         progress(part.commands.shape[1])
-    flight = so_far(parts)
-    assert flight is not None
-    return flight
+    return so_far(parts)
 
 
-def so_far(parts: Mapping[int, Flight]) -> Flight | None:
-    """The first episodes of `fly_episodes`, as many as have all ended; None: not even its first part has."""
+def so_far(parts: Mapping[int, Flight]) -> Flight:
+    """The first episodes of `fly_episodes`, as many as have all ended, from its parts with the number 0."""
     first = [parts[k] for k in takewhile(parts.__contains__, count())]
-    return _joined(first) if len(first) > 1 else next(iter(first), None)
+    return _joined(first) if len(first) > 1 else first[0]
 
 
 class _Flyer(NamedTuple):
