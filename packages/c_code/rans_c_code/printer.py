@@ -321,14 +321,16 @@ class Printer:
             start += own
 
     def _gemm(self, name: str, x: Value, weight: Value, bias: Value) -> None:
-        """Print a product of rows with a matrix, weight times x plus bias.
+        """Print a product of a row with a matrix, weight times x plus bias.
 
-        `x` is (rows, inputs), the weight (outputs, inputs). Sums begin with the bias, as NumPy's form does.
+        `x` is (1, inputs), the weight (outputs, inputs). Sums begin with the bias, as NumPy's form does.
         """
         outputs, inputs = weight.shape
         if x.shape[0] > 1:
-            self._rows_through(name, x, weight, bias)
-            return
+            raise ConfigError(
+                "the agent has a layer of several rows, which the export as C does not know: export as onnx or "
+                "numpy."
+            )
         result = self._result(name, (1, outputs))
         left = f"{x.text}[k]" if x.is_array else x.text
         target = f"{result.text}[i]"
@@ -349,23 +351,6 @@ class Printer:
             f"    float sum = {begin};",
             f"    for (int k = 0; k < {inputs}; ++k) {{ sum += {row} * {left}; }}",
             f"    {target} = sum;",
-            "}",
-        ]
-
-    def _rows_through(self, name: str, x: Value, weight: Value, bias: Value) -> None:
-        """Print a layer of several rows: x (rows, inputs), weight (outputs, inputs) and bias (outputs,)."""
-        outputs, inputs = weight.shape
-        rows = x.shape[0]
-        result = self._result(name, (rows, outputs))
-        row = weight.entry("i", "k") if weight.is_array else weight.text
-        begin = f"{bias.text}[i]" if bias.is_array else bias.text
-        self._lines += [
-            f"for (int row = 0; row < {rows}; ++row) {{",
-            f"    for (int i = 0; i < {outputs}; ++i) {{",
-            f"        float sum = {begin};",
-            f"        for (int k = 0; k < {inputs}; ++k) {{ sum += {row} * {x.text}[row * {inputs} + k]; }}",
-            f"        {result.text}[row * {outputs} + i] = sum;",
-            "    }",
             "}",
         ]
 
