@@ -11,7 +11,7 @@ import numpy as np
 
 from rans.evaluation.compare.contest import Entry
 from rans.evaluation.measure.metrics import propellant_used
-from rans.extend import impulses
+from rans.extend import counted, impulses
 
 _ROUNDING = 1e-6
 """Relative error of what is spent and of a bound by rounding."""
@@ -84,8 +84,8 @@ class MissionBounds:
             some = f" ({len(ratios)})" if 0 < len(ratios) < len(self.lower) else ""
             parts.append(f"{entry.name} {mean}{some}")
         return (
-            f"{self.spending.capitalize()} over the certified least, mean of the first {len(self.lower)} starts "
-            f"that succeeded: {', '.join(parts)}."
+            f"{self.spending.capitalize()} over the certified least, mean of successes from the first "
+            f"{counted(len(self.lower), 'start')}: {', '.join(parts)}."
         )
 
     def impossible(self, entries: Sequence[Entry]) -> list[str]:
