@@ -46,7 +46,7 @@ _EQUAL = 1e-6
 
 def parted(state: Tensor) -> tuple[Tensor, ...]:
     """Rows of position, attitude, velocity and spin of states (rows, ...), and those that stay in a flight."""
-    sizes = (2, 1, 2, 1) if len(state) < 10 else (3, 4, 3, 3)
+    sizes = (3, 4, 3, 3) if len(state) == 14 else (2, 1, 2, 1)
     return state.split((*sizes, len(state) - sum(sizes)))
 
 

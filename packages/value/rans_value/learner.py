@@ -47,8 +47,9 @@ from rans.extend import (
 )
 from rans.fast.learn.graph import graphed
 from rans_value.belief import Belief
-from rans_value.goal_frame import GoalFrame, equivalent
+from rans_value.goal_frame import GoalFrame
 from rans_value.problem import TRADE_OFF, PoseProblem
+from rans_value.varied import VariedProblem, drawn_parameters
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -56,6 +57,9 @@ _FLIGHTS = 6
 """Rounds of flights that are fitted together."""
 _BEGUN = 400
 """Gradient steps on the value function to begin with."""
+_JITTER = ((1e-3,), (1e-3,), (2e-3,), (2e-3,), (2e-3,), (6e-3,))
+"""Standard deviation of what a period under conditions adds to the motion, as readings correct estimates, SI;
+measured in `lab` at rest."""
 _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _LOST = 6.0
@@ -87,6 +91,9 @@ _DECIDED = 0.02
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
 """Log-odds of a valve for a command between 0 and 1 of craft that have those."""
+
+
+_DESIGNED = Conditions()
 
 
 @dataclass(frozen=True)
@@ -185,7 +192,7 @@ class Greedy:
         value: their value function.
     """
 
-    def __init__(self, problem: PoseProblem, value: ValueNetwork) -> None:
+    def __init__(self, problem: PoseProblem, value: Any) -> None:
         self.problem = problem
         self.value = value
         device = value.mean.device
@@ -283,6 +290,7 @@ class ValueLearner:
         generator: random generator whose seed is used.
         plain: without meaning: the network is computed by single operations of torch.
         own: further hyper-parameters of this learner.
+        conditions: what may differ from the design.
 
     Raises:
         ConfigError: craft, task, network or processes are of another kind.
@@ -299,6 +307,7 @@ class ValueLearner:
         generator: torch.Generator,
         plain: bool,
         own: ValueSettings,
+        conditions: Conditions = _DESIGNED,
     ) -> None:
         _check(engine, network)
         self.engine = engine
@@ -311,7 +320,11 @@ class ValueLearner:
         self._progress = 0.0
         device = engine.device
         self._generator = torch.Generator(device).manual_seed(generator.initial_seed())
-        self.problem = PoseProblem(engine.craft, engine.task, engine.timing)
+        self.problem = _problems(conditions)(engine.craft, engine.task, engine.timing)
+        self._drawn: Tensor | None = None
+        if isinstance(self.problem, VariedProblem):
+            drawn = drawn_parameters(conditions, engine.craft, engine.timing)
+            self._drawn = torch.cat(drawn, dim=1).float().to(device)
         # The value function, and its average, by which is flown.
         self._pool = self.states()
         example = torch.cat((self._pool, self._fresh()), dim=1)
@@ -369,7 +382,9 @@ class ValueLearner:
     def states(self) -> Tensor:
         """States (rows, N) of the engine's episodes in the frame of their goals."""
         engine = self.engine
-        return self.problem.frame.relative(engine.state, engine.goal, self.rollout.terms, TRADE_OFF)
+        frame = self.problem.frame
+        state = frame.relative(engine.state, engine.goal, self.rollout.terms, TRADE_OFF)
+        return self.problem.with_parameters(state)
 
     # The value function: flights by its commands, and gradient steps towards their costs.
 
@@ -385,6 +400,12 @@ class ValueLearner:
         chosen = self._pool[:, self._indices(self._pool.shape[1], count)]
         # Trade-offs of all tasks, a twelfth of them at either end, and more of long thrifty flights.
         chosen[-1] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0) ** 0.75
+        if isinstance(self.problem, VariedProblem) and self._drawn is not None:
+            drawn = self._drawn[:, self._indices(self._drawn.shape[1], count)]
+            # Half are between these and their mean, as estimates are.
+            known = (2.0 * self._uniform(count)).clamp(max=1.0)
+            drawn = torch.lerp(self._drawn.mean(dim=1, keepdim=True), drawn, known)
+            chosen = self.problem.with_parameters(chosen, drawn)
         near = self.problem.near(self._uniform(self.problem.numbers, count), chosen)
         return torch.where(self._uniform(count) < 0.5, near, chosen)
 
@@ -407,7 +428,7 @@ class ValueLearner:
         """Value function of the craft most alike of those that ship, or None where the layers differ."""
         own = self.problem
         files = sorted(SHIPPED.glob("*/config.json"))
-        networks = [GreedyController(file.parent)._designed.value for file in files]
+        networks = [GreedyController(file.parent).greedy.value for file in files]
         return min(
             (x for x in networks if self.value.resembles(x)),
             key=lambda x: abs(math.log(x.problem.scale / own.scale)),
@@ -432,11 +453,14 @@ class ValueLearner:
             states.append(state)
             outcome = self.greedy.best(state, 1)[1]
             cost, discount, state = outcome[1], outcome[2], outcome[3:]
+            if self._drawn is not None:
+                normal = torch.randn(6, count, generator=self._generator, device=state.device)
+                state[:6] += state.new_tensor(_JITTER) * normal
             costs.append(cost)
             discounts.append(discount)
         # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
-        turn, hand = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand))
-        seen = equivalent(state.repeat(1, len(self._turn)), turn, hand)
+        sides = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand, self._place))
+        seen = self.problem.viewed(state.repeat(1, len(self._turn)), *sides)
         target = self._value_of(seen).view(-1, count).mean(dim=0)
         # Flights that are over, or never come to rest, begin anew.
         most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
@@ -461,7 +485,8 @@ class ValueLearner:
     def _fit(self, state: Tensor, target: Tensor) -> Tensor:
         """One gradient step on states (rows, N) as seen from equivalent sides; returns the loss."""
         side = self._indices(len(self._turn), state.shape[1])
-        _put(self._sample, (state, target, self._turn[side], self._hand[side]))
+        sides = (x[side] for x in (self._turn, self._hand, self._place))
+        _put(self._sample, (state, target, *sides))
         return self._fitting().clone()
 
     def _fitted(self) -> Tensor:
@@ -477,8 +502,8 @@ class ValueLearner:
             )
         return loss.detach()
 
-    def _loss_of(self, state: Tensor, target: Tensor, turn: Tensor, hand: Tensor) -> Tensor:
-        seen = equivalent(state, turn, hand)
+    def _loss_of(self, state: Tensor, target: Tensor, *side: Tensor) -> Tensor:
+        seen = self.problem.viewed(state, *side)
         # Errors count relative to the value, with a floor of a tenth of the time scale.
         floor = 0.1 * self.problem.scale * (1.0 + self.problem.price(state))
         error = (self.value(seen) - target) / (target + floor)
@@ -504,7 +529,7 @@ class ValueLearner:
             columns, _, order = network.look(network.in_body(observation))
             order = self._place[:1].expand(count, -1) if order is None else order
             side = (order[:, None] == self._place).all(dim=2).to(torch.uint8).argmax(dim=1)
-            seen = equivalent(state, self._turn[side], self._hand[side])
+            seen = self.problem.viewed(state, self._turn[side], self._hand[side], self._place[side])
             patterns, regret = self.greedy.label(seen)
             # The network may look from sides from which the task is another one: there, in its order of thrusters.
             opened = patterns.gather(2, self._place[side].expand_as(patterns))
@@ -583,6 +608,11 @@ def _put(kept: list[Tensor], tensors: Sequence[Tensor]) -> None:
         old.copy_(new)
 
 
+def _problems(conditions: Conditions) -> type[PoseProblem]:
+    """Flights of craft as designed, or under conditions."""
+    return PoseProblem if conditions.or_none is None else VariedProblem
+
+
 def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
@@ -610,8 +640,31 @@ def _check_craft(craft: Spacecraft) -> None:
 
 
 _KEPT = 0.6
-"""Part of the tolerance of the position within which flights under conditions are held, as values are of flights
-without disturbances."""
+"""Part of the tolerance of the position within which flights under conditions are held by values of flights as
+designed."""
+
+
+class _BetweenSpins:
+    """Values of craft under conditions by those of the design: means at the next spins that its pulses can reach.
+
+    Other spins come to rest by no pulses of the design, and its value function has hardly seen any.
+    """
+
+    def __init__(self, value: ValueNetwork) -> None:
+        self.mean = value.mean
+        self._value = value
+
+    def __call__(self, state: Tensor) -> Tensor:
+        """Values of states of a `VariedProblem`, s."""
+        designed = torch.cat((state[:6], state[-1:]))
+        pulse = self._value.problem.spin_steps[0]
+        pulses = designed[5] / pulse
+        low = pulses.floor()
+        below, above = (
+            self._value(torch.cat((designed[:5], x[None] * pulse, designed[6:])))
+            for x in (low, low + 1.0)
+        )
+        return torch.lerp(below, above, pulses - low)
 
 
 class GreedyController:
@@ -649,31 +702,37 @@ class GreedyController:
                 f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
                 f"{position_tolerance!r}."
             )
-        setup = run.spacecraft(), settings, config.timing
-        problem = PoseProblem(*setup, position_tolerance)
-        value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
+        self._setup = run.spacecraft(), settings, config.timing
+        self._tolerance = position_tolerance or most
+        self.problem = _problems(config.conditions)(*self._setup, position_tolerance)
+        example = torch.zeros(self.problem.rows, 2)
+        value = ValueNetwork(self.problem, example, config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
-        self._setup, self._tolerance = setup, position_tolerance or most
-        self._designed = self._greedy = Greedy(problem, value)
+        self.greedy = Greedy(self.problem, value)
+        self._designed = self.problem, self.greedy
         self._belief: Belief | None = None
         self._trade_off = trade_off
 
     def expecting(self, conditions: Conditions | None) -> GreedyController:
         """The controller that estimates in flight what conditions may be, in the plane without limits or an end.
 
-        See `rans_value.belief`. It keeps to a part of the tolerance of the position. None: all is as designed.
+        See `rans_value.belief`. If its training had none it keeps to a part of the tolerance of the position. None:
+        all is as designed.
         """
         made = copy(self)
-        made._greedy, made._belief = self._designed, None
+        made._belief = None
+        problem, made.greedy = self._designed
         craft, task, timing = self._setup
         if conditions is not None and craft.dimension == 2 and type(task) in _POSES:
-            problem = PoseProblem(craft, task, timing, _KEPT * self._tolerance)
-            value = copy(self._designed.value)
-            value.problem = problem
-            belief: Any = Belief(problem, value, conditions, timing.episode_steps)
-            made._belief = belief
-            made._greedy = Greedy(belief, belief)
+            if not isinstance(problem, VariedProblem):
+                kept = craft, task, timing, _KEPT * self._tolerance
+                problem = VariedProblem(*kept)
+                value: Any = copy(made.greedy.value)
+                value.problem = PoseProblem(*kept)
+                made.greedy = Greedy(problem, _BetweenSpins(value))
+            made._belief = Belief(problem, conditions, timing)
+        made.problem = problem
         return made
 
     def reset(self, count: int) -> None:
@@ -684,12 +743,11 @@ class GreedyController:
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) of states."""
-        greedy, belief = self._greedy, self._belief
-        like = greedy.value.mean if belief is None else greedy.value.mean.double()
-        seen = self._designed.problem.frame.relative(state, goal, like, self._trade_off)
-        if belief is not None:
-            seen = belief.read(seen).to(greedy.value.mean)
-        command = greedy.best(seen, 2)[0]
+        belief, like = self._belief, self.greedy.value.mean
+        number = like if belief is None else like.double()
+        seen = self.problem.frame.relative(state, goal, number, self._trade_off)
+        seen = self.problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
+        command = self.greedy.best(seen, 2)[0]
         if belief is not None:
             belief.sent(command)
         return command.numpy()
@@ -717,6 +775,7 @@ class Newest(GreedyController):
         frame = GoalFrame(craft, task, timing)
         files = Path("runs").glob("**/config.json")
         newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
+        found: dict[bool, Path] = {}
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
@@ -731,16 +790,28 @@ class Newest(GreedyController):
                     and GoalFrame(craft, config.settings, timing).serves(frame)
                 )
                 if fits:
-                    held = task.held_trade_off
-                    trade_off = TRADE_OFF if held is None else held
-                    super().__init__(run.path, trade_off, frame.tolerances["position"])
-                    return
-        how = "--quality best" if craft.dimension == 2 else "--set algorithm=value"
+                    found.setdefault(config.conditions.or_none is not None, run.path)
+        if found:
+            held = task.held_trade_off
+            how = TRADE_OFF if held is None else held, frame.tolerances["position"]
+            super().__init__(found[min(found)], *how)
+            self._varied = GreedyController(found[max(found)], *how)
+            return
+        asked = "--quality best" if craft.dimension == 2 else "--set algorithm=value"
         raise ConfigError(
             f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s for what "
             f"{type(task).__name__} asks, or with a larger tolerance of the position: train one on a GPU, as with "
-            f"rans train go-to-pose {how}."
+            f"rans train go-to-pose {asked}."
         )
+
+    def expecting(self, conditions: Conditions | None) -> GreedyController:
+        """As that of a folder: the newest whose training had conditions, where these are and have no faults.
+
+        Values fitted so do not hold stuck thrusters yet (docs/decisions/value.md).
+        """
+        if conditions is None or conditions.has_faults:
+            return super().expecting(conditions)
+        return self._varied.expecting(conditions)
 
 
 _ITERATIONS = (96, 272)
@@ -807,11 +878,12 @@ class Value(Algorithm):
         """Constructor of the learner.
 
         Raises:
-            ConfigError: the training has conditions.
+            ConfigError: the training has conditions, and is not of flights to a pose in the plane.
         """
-        if config.conditions.or_none is not None:
+        fits = craft.dimension == 2 and type(config.settings) in _POSES
+        if config.conditions.or_none is not None and not fits:
             raise ConfigError(
-                "the algorithm 'value' computes with the craft as designed: leave out the conditions, or train "
-                'with the algorithm "ppo".'
+                "the algorithm 'value' knows conditions of flights to a pose in the plane: leave them out, or "
+                'train with the algorithm "ppo".'
             )
-        return partial(ValueLearner, own=own)
+        return partial(ValueLearner, own=own, conditions=config.conditions)

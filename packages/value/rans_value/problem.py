@@ -28,7 +28,7 @@ from rans.extend import (
 )
 from rans.model.dynamics import mean_thrust
 from rans.policy.symmetry import symmetries
-from rans_value.goal_frame import GoalFrame, parted
+from rans_value.goal_frame import GoalFrame, equivalent, parted
 
 _ENUMERATED = 2**16
 """Largest number of patterns of open valves: all of 16 thrusters, of more those with fewest open. The free flyer's
@@ -137,6 +137,14 @@ class PoseProblem:
         self.patterns = torch.as_tensor(different.opened).float()
         """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse."""
 
+    def with_parameters(self, state: Tensor) -> Tensor:
+        """States (rows, N) with what differs from flight to flight, here nothing, see `VariedProblem`."""
+        return state
+
+    def viewed(self, state: Tensor, turn: Tensor, hand: Tensor, place: Tensor) -> Tensor:
+        """States (rows, N) as seen from sides (..., d, d), (...) and (..., n) of the craft, see `Symmetries`."""
+        return equivalent(state, turn, hand)
+
     def price(self, state: Tensor) -> Tensor:
         """Price of the full thrust, seconds a second."""
         low, high = self._price
@@ -147,25 +155,25 @@ class PoseProblem:
 
         Nothing follows the end of a flight.
         """
-        after, won, lost = self.frame.step(state, command.unbind(dim=-1))
-        cost, discount = self.cost(state, self.mean_thrust(command))
+        after, won, lost = self.after(state, command)
+        waiting, price, discount = self.terms(state)
+        thrust = self.mean_thrust(command)
+        weighted = [x * y for x, y in zip(thrust, self._thrust, strict=True)]
+        burnt = self.period * torch.stack(weighted).sum(dim=0)
         failure = self._flight * (1.0 + self.price(state))
         return (
             after,
-            cost + torch.where(lost, failure, 0.0),
+            waiting + price * burnt + torch.where(lost, failure, 0.0),
             torch.where(won | lost, 0.0, discount),
         )
+
+    def after(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """States (rows, ...) after a control period, and whether that won or lost the flight."""
+        return self.frame.step(state, command.unbind(dim=-1))
 
     def mean_thrust(self, command: Tensor) -> Tensor:
         """Shares (n, ...) of their forces that thrusters give in the mean of a period, by commands (..., n)."""
         return torch.stack(mean_thrust(self.craft, command.unbind(dim=-1)))
-
-    def cost(self, state: Tensor, thrust: Tensor) -> tuple[Tensor, Tensor]:
-        """Cost of a control period, s, and its discount, of a flight that is not lost."""
-        waiting, price, discount = self.terms(state)
-        weighted = [x * y for x, y in zip(thrust, self._thrust, strict=True)]
-        burnt = self.period * torch.stack(weighted).sum(dim=0)
-        return waiting + price * burnt, discount
 
     def seen(self, state: Tensor) -> Tensor:
         """States as costs and values are of them: within a finer tolerance places are larger by as much."""

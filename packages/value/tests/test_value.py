@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 import torch
-from rans_value.belief import Belief, drawn_parameters
+from rans_value.belief import Belief
 from rans_value.goal_frame import equivalent
 from rans_value.learner import (
     SHIPPED,
@@ -21,21 +21,21 @@ from rans_value.learner import (
     ValueSettings,
 )
 from rans_value.problem import PoseProblem, parted
+from rans_value.varied import VariedProblem, drawn_parameters
 from torch import Tensor
 
-from rans import TASKS, ConfigError, Engine, GoToPosePriced, Timing
+from rans import TASKS, Conditions, ConfigError, Engine, GoToPosePriced, Timing
 from rans.episode import Setup
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.beginning import begin
-from rans.fast.learn.config import TrainConfig, training, training_of_quality
+from rans.fast.learn.config import TrainConfig, training_of_quality
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.flight import fly
 from rans.model.fields import wrap
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
-from rans.randomization.parameters import examples
 from rans.scenario import scenarios
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore
@@ -116,7 +116,7 @@ def test_a_fit_begins_with_values_of_the_craft_most_alike(spacecraft, monkeypatc
     state = made.states()
     state[2] = 0.0
     reached, _, _ = made.problem.step(state, commands(craft.thruster_count))
-    own = GreedyController(SHIPPED / spacecraft)._designed.value
+    own = GreedyController(SHIPPED / spacecraft).greedy.value
     torch.testing.assert_close(made.average(reached), own(reached), rtol=0.01, atol=0.01)
     # Headings at rest that are close together have no phase.
     inertia = tuple(tuple(4.0 * x for x in row) for row in craft.inertia)
@@ -224,25 +224,46 @@ class Guessing:
         return command.numpy()
 
 
+def test_craft_under_conditions_look_the_same_from_all_sides():
+    problem = VariedProblem(PLATFORM, TASK, Timing(), None, LAB)
+    random = torch.Generator().manual_seed(1)
+    motion = 0.3 * torch.randn(7, 64, generator=random)
+    state = problem.with_parameters(motion, torch.rand(64, generator=random))
+    state[30:36] += motion[:6]  # leaks and disturbances of every direction
+    command = commands()
+    after, cost, _ = problem.step(state, command)
+    for side in zip(problem.turn, problem.hand, problem.place, strict=True):
+        turn, hand, place = (x.expand(64, *x.shape) for x in side)
+        placed = torch.zeros_like(command).scatter(1, place, command)
+        seen, seen_cost, _ = problem.step(problem.viewed(state, turn, hand, place), placed)
+        torch.testing.assert_close(seen, problem.viewed(after, turn, hand, place))
+        torch.testing.assert_close(seen_cost, cost)
+    # Of a craft as designed it is the engine's motion.
+    designed, _, _ = PoseProblem(PLATFORM, TASK, Timing()).step(motion, command)
+    found, _, _ = problem.step(problem.with_parameters(motion), command)
+    assert difference(found[:6], designed[:6]) < 1e-3
+
+
 @pytest.mark.parametrize("conditions", [LAB, FAILING], ids=["lab", "failing"])
 def test_flights_tell_what_conditions_drew(conditions):
     """Motion by the engine, and what an episode drew: the estimates come near to both."""
-    made = learner()
     estimates: list[Tensor] = []
-    belief = Belief(made.problem, made.average, conditions, 50)
-    setup = Setup(PLATFORM, TASK, Timing(episode_steps=50), conditions)
+    timing = Timing(episode_steps=50)
+    problem = VariedProblem(PLATFORM, TASK, timing, None, conditions)
+    belief = Belief(problem, conditions, timing)
+    setup = Setup(PLATFORM, TASK, timing, conditions)
     torch.manual_seed(0)
-    flight = fly_episodes(Guessing(belief, made.problem, estimates.append), setup, 0, 64)
+    flight = fly_episodes(Guessing(belief, problem, estimates.append), setup, 0, 64)
     like = torch.zeros((), dtype=torch.float64)
-    true = made.problem.frame.relative(flight.states, flight.goals, like)[:6, 30:-1]
+    true = problem.frame.relative(flight.states, flight.goals, like)[:6, 30:-1]
     found = torch.stack(estimates, dim=1)
     error = found[:6, 30:] - true
     error[2] = wrap(error[2])
     noise = torch.tensor([0.005, 0.005, 0.0087, 0.01, 0.01, 0.0087])
     assert (error.square().mean(dim=(1, 2)).sqrt() < 0.9 * noise).all()
     # The parameters of the same episodes, in units of how much they differ.
-    ended = drawn_parameters(examples(conditions, PLATFORM, 50), PLATFORM, 0.2)[1]
-    rows = [*range(24 + 2), -2, -1]  # disturbances along x and y are in the frame of the goal
+    ended = drawn_parameters(conditions, PLATFORM, timing)[1]
+    rows = [*range(24 + 2), -1]  # disturbances along x and y are in the frame of the goal
     spread = ended[rows].std(dim=1)
     off = (found[6:, -1] - ended[:, :64])[rows].square().mean(dim=1).sqrt()
     assert (off <= 0.6 * spread)[spread > 1e-6].all()
@@ -282,13 +303,15 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal():
     assert held > 0.8
 
 
-def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypatch):
+@pytest.mark.parametrize("conditions", [Conditions(), LAB], ids=["none", "lab"])
+def test_a_training_leaves_its_policy_and_its_value_function(conditions, tmp_path, monkeypatch):
     config = TrainConfig(
         "go-to-pose-priced",
         replace(TASK, trade_off=(0.3, 0.3)),
         "floating-platform",
         PPO,
         Timing(episode_steps=8),
+        conditions=conditions,
         algorithm="value",
         learner={"units": 8, "states": 16, "rounds": 1, "updates": 1, "batch": 16},
         total_timesteps=4 * 64 * 4,
@@ -309,12 +332,12 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     trainer.train(ignore)
     learnt = trainer.learner
     assert isinstance(learnt, ValueLearner)
-    controller = Newest(PLATFORM, config.settings, config.timing)
+    controller = Newest(PLATFORM, config.settings, config.timing).expecting(conditions.or_none)
     starts = scenarios(TASK, PLATFORM, 0, 4)
     flight = fly(PLATFORM, TASK, controller, starts, Timing(episode_steps=2))
     # The value function is the learner's, not a new one.
     state = learnt.states()
-    torch.testing.assert_close(learnt.average(state), controller._greedy.value(state))
+    torch.testing.assert_close(learnt.average(state), controller.greedy.value(state))
     assert set(flight.commands.flat) <= {0.0, 1.0}
     assert controller._trade_off == 0.3
     # The comparison that a training suggests is of several trade-offs, also where the agent has none.
@@ -340,9 +363,6 @@ def test_other_craft_and_conditions_are_refused():
         learner(load_spacecraft("free-flyer"), PORT)
     with pytest.raises(ConfigError, match="for what DockPort asks"):
         Newest(PLATFORM, PORT, PORT.timing)
-    noisy = replace(training("go-to-pose", device="cpu"), conditions=LAB)
-    with pytest.raises(ConfigError, match="leave out the conditions"):
-        Value.making(noisy, PLATFORM, SMALL)
 
 
 def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly():
