@@ -47,9 +47,9 @@ from rans.extend import (
 )
 from rans.fast.learn.graph import graphed
 from rans_value.belief import Belief
-from rans_value.goal_frame import GoalFrame
+from rans_value.goal_frame import GoalFrame, equivalent
 from rans_value.problem import TRADE_OFF, PoseProblem
-from rans_value.varied import VariedProblem, drawn_parameters
+from rans_value.varied import VariedProblem
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -57,9 +57,6 @@ _FLIGHTS = 6
 """Rounds of flights that are fitted together."""
 _BEGUN = 400
 """Gradient steps on the value function to begin with."""
-_JITTER = ((1e-3,), (1e-3,), (2e-3,), (2e-3,), (2e-3,), (6e-3,))
-"""Standard deviation of what a period under conditions adds to the motion, as readings correct estimates, SI;
-measured in `lab` at rest."""
 _GOES_ON = 0.6
 """Part of the flights of a round that begin where others ended."""
 _LOST = 6.0
@@ -91,9 +88,6 @@ _DECIDED = 0.02
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
 """Log-odds of a valve for a command between 0 and 1 of craft that have those."""
-
-
-_DESIGNED = Conditions()
 
 
 @dataclass(frozen=True)
@@ -290,7 +284,6 @@ class ValueLearner:
         generator: random generator whose seed is used.
         plain: without meaning: the network is computed by single operations of torch.
         own: further hyper-parameters of this learner.
-        conditions: what may differ from the design.
 
     Raises:
         ConfigError: craft, task, network or processes are of another kind.
@@ -307,7 +300,6 @@ class ValueLearner:
         generator: torch.Generator,
         plain: bool,
         own: ValueSettings,
-        conditions: Conditions = _DESIGNED,
     ) -> None:
         _check(engine, network)
         self.engine = engine
@@ -320,11 +312,7 @@ class ValueLearner:
         self._progress = 0.0
         device = engine.device
         self._generator = torch.Generator(device).manual_seed(generator.initial_seed())
-        self.problem = _problems(conditions)(engine.craft, engine.task, engine.timing)
-        self._drawn: Tensor | None = None
-        if isinstance(self.problem, VariedProblem):
-            drawn = drawn_parameters(conditions, engine.craft, engine.timing)
-            self._drawn = torch.cat(drawn, dim=1).float().to(device)
+        self.problem = PoseProblem(engine.craft, engine.task, engine.timing)
         # The value function, and its average, by which is flown.
         self._pool = self.states()
         example = torch.cat((self._pool, self._fresh()), dim=1)
@@ -382,9 +370,7 @@ class ValueLearner:
     def states(self) -> Tensor:
         """States (rows, N) of the engine's episodes in the frame of their goals."""
         engine = self.engine
-        frame = self.problem.frame
-        state = frame.relative(engine.state, engine.goal, self.rollout.terms, TRADE_OFF)
-        return self.problem.with_parameters(state)
+        return self.problem.frame.relative(engine.state, engine.goal, self.rollout.terms, TRADE_OFF)
 
     # The value function: flights by its commands, and gradient steps towards their costs.
 
@@ -400,12 +386,6 @@ class ValueLearner:
         chosen = self._pool[:, self._indices(self._pool.shape[1], count)]
         # Trade-offs of all tasks, a twelfth of them at either end, and more of long thrifty flights.
         chosen[-1] = (1.2 * self._uniform(count) - 0.1).clamp(min=0.0, max=1.0) ** 0.75
-        if isinstance(self.problem, VariedProblem) and self._drawn is not None:
-            drawn = self._drawn[:, self._indices(self._drawn.shape[1], count)]
-            # Half are between these and their mean, as estimates are.
-            known = (2.0 * self._uniform(count)).clamp(max=1.0)
-            drawn = torch.lerp(self._drawn.mean(dim=1, keepdim=True), drawn, known)
-            chosen = self.problem.with_parameters(chosen, drawn)
         near = self.problem.near(self._uniform(self.problem.numbers, count), chosen)
         return torch.where(self._uniform(count) < 0.5, near, chosen)
 
@@ -428,7 +408,9 @@ class ValueLearner:
         """Value function of the craft most alike of those that ship, or None where the layers differ."""
         own = self.problem
         files = sorted(SHIPPED.glob("*/config.json"))
-        networks = [GreedyController(file.parent).greedy.value for file in files]
+        networks: list[ValueNetwork] = [
+            GreedyController(file.parent).greedy.value for file in files
+        ]
         return min(
             (x for x in networks if self.value.resembles(x)),
             key=lambda x: abs(math.log(x.problem.scale / own.scale)),
@@ -453,14 +435,11 @@ class ValueLearner:
             states.append(state)
             outcome = self.greedy.best(state, 1)[1]
             cost, discount, state = outcome[1], outcome[2], outcome[3:]
-            if self._drawn is not None:
-                normal = torch.randn(6, count, generator=self._generator, device=state.device)
-                state[:6] += state.new_tensor(_JITTER) * normal
             costs.append(cost)
             discounts.append(discount)
         # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
-        sides = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand, self._place))
-        seen = self.problem.viewed(state.repeat(1, len(self._turn)), *sides)
+        turn, hand = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand))
+        seen = equivalent(state.repeat(1, len(self._turn)), turn, hand)
         target = self._value_of(seen).view(-1, count).mean(dim=0)
         # Flights that are over, or never come to rest, begin anew.
         most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
@@ -485,8 +464,7 @@ class ValueLearner:
     def _fit(self, state: Tensor, target: Tensor) -> Tensor:
         """One gradient step on states (rows, N) as seen from equivalent sides; returns the loss."""
         side = self._indices(len(self._turn), state.shape[1])
-        sides = (x[side] for x in (self._turn, self._hand, self._place))
-        _put(self._sample, (state, target, *sides))
+        _put(self._sample, (state, target, self._turn[side], self._hand[side]))
         return self._fitting().clone()
 
     def _fitted(self) -> Tensor:
@@ -502,8 +480,8 @@ class ValueLearner:
             )
         return loss.detach()
 
-    def _loss_of(self, state: Tensor, target: Tensor, *side: Tensor) -> Tensor:
-        seen = self.problem.viewed(state, *side)
+    def _loss_of(self, state: Tensor, target: Tensor, turn: Tensor, hand: Tensor) -> Tensor:
+        seen = equivalent(state, turn, hand)
         # Errors count relative to the value, with a floor of a tenth of the time scale.
         floor = 0.1 * self.problem.scale * (1.0 + self.problem.price(state))
         error = (self.value(seen) - target) / (target + floor)
@@ -529,7 +507,7 @@ class ValueLearner:
             columns, _, order = network.look(network.in_body(observation))
             order = self._place[:1].expand(count, -1) if order is None else order
             side = (order[:, None] == self._place).all(dim=2).to(torch.uint8).argmax(dim=1)
-            seen = self.problem.viewed(state, self._turn[side], self._hand[side], self._place[side])
+            seen = equivalent(state, self._turn[side], self._hand[side])
             patterns, regret = self.greedy.label(seen)
             # The network may look from sides from which the task is another one: there, in its order of thrusters.
             opened = patterns.gather(2, self._place[side].expand_as(patterns))
@@ -606,11 +584,6 @@ def _put(kept: list[Tensor], tensors: Sequence[Tensor]) -> None:
         kept += [x.clone() for x in tensors]
     for old, new in zip(kept, tensors, strict=True):
         old.copy_(new)
-
-
-def _problems(conditions: Conditions) -> type[PoseProblem]:
-    """Flights of craft as designed, or under conditions."""
-    return PoseProblem if conditions.or_none is None else VariedProblem
 
 
 def _check(engine: Engine, network: Network) -> None:
@@ -704,13 +677,12 @@ class GreedyController:
             )
         self._setup = run.spacecraft(), settings, config.timing
         self._tolerance = position_tolerance or most
-        self.problem = _problems(config.conditions)(*self._setup, position_tolerance)
-        example = torch.zeros(self.problem.rows, 2)
-        value = ValueNetwork(self.problem, example, config.learner["units"])
+        kind = PoseProblem if config.conditions.or_none is None else VariedProblem
+        problem = kind(*self._setup, position_tolerance)
+        value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"value of {run.path.name}"
-        self.greedy = Greedy(self.problem, value)
-        self._designed = self.problem, self.greedy
+        self.greedy = self._designed = Greedy(problem, value)
         self._belief: Belief | None = None
         self._trade_off = trade_off
 
@@ -721,8 +693,8 @@ class GreedyController:
         all is as designed.
         """
         made = copy(self)
-        made._belief = None
-        problem, made.greedy = self._designed
+        made.greedy, made._belief = self._designed, None
+        problem = made.greedy.problem
         craft, task, timing = self._setup
         if conditions is not None and craft.dimension == 2 and type(task) in _POSES:
             if not isinstance(problem, VariedProblem):
@@ -732,7 +704,6 @@ class GreedyController:
                 value.problem = PoseProblem(*kept)
                 made.greedy = Greedy(problem, _BetweenSpins(value))
             made._belief = Belief(problem, conditions, timing)
-        made.problem = problem
         return made
 
     def reset(self, count: int) -> None:
@@ -743,10 +714,10 @@ class GreedyController:
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, thrusters) of states."""
-        belief, like = self._belief, self.greedy.value.mean
+        belief, like, problem = self._belief, self.greedy.value.mean, self.greedy.problem
         number = like if belief is None else like.double()
-        seen = self.problem.frame.relative(state, goal, number, self._trade_off)
-        seen = self.problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
+        seen = problem.frame.relative(state, goal, number, self._trade_off)
+        seen = problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
         command = self.greedy.best(seen, 2)[0]
         if belief is not None:
             belief.sent(command)
@@ -878,12 +849,11 @@ class Value(Algorithm):
         """Constructor of the learner.
 
         Raises:
-            ConfigError: the training has conditions, and is not of flights to a pose in the plane.
+            ConfigError: the training has conditions.
         """
-        fits = craft.dimension == 2 and type(config.settings) in _POSES
-        if config.conditions.or_none is not None and not fits:
+        if config.conditions.or_none is not None:
             raise ConfigError(
-                "the algorithm 'value' knows conditions of flights to a pose in the plane: leave them out, or "
-                'train with the algorithm "ppo".'
+                "the algorithm 'value' computes with the craft as designed: leave out the conditions, or train "
+                'with the algorithm "ppo".'
             )
-        return partial(ValueLearner, own=own, conditions=config.conditions)
+        return partial(ValueLearner, own=own)

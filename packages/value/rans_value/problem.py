@@ -28,7 +28,7 @@ from rans.extend import (
 )
 from rans.model.dynamics import mean_thrust
 from rans.policy.symmetry import symmetries
-from rans_value.goal_frame import GoalFrame, equivalent, parted
+from rans_value.goal_frame import GoalFrame, parted
 
 _ENUMERATED = 2**16
 """Largest number of patterns of open valves: all of 16 thrusters, of more those with fewest open. The free flyer's
@@ -140,10 +140,6 @@ class PoseProblem:
     def with_parameters(self, state: Tensor) -> Tensor:
         """States (rows, N) with what differs from flight to flight, here nothing, see `VariedProblem`."""
         return state
-
-    def viewed(self, state: Tensor, turn: Tensor, hand: Tensor, place: Tensor) -> Tensor:
-        """States (rows, N) as seen from sides (..., d, d), (...) and (..., n) of the craft, see `Symmetries`."""
-        return equivalent(state, turn, hand)
 
     def price(self, state: Tensor) -> Tensor:
         """Price of the full thrust, seconds a second."""

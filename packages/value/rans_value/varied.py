@@ -43,10 +43,9 @@ class VariedProblem(PoseProblem):
         self._scales = [(x, units[i % 3]) for i, x in enumerate(designed)]
         self.rows += len(self.design)
 
-    def with_parameters(self, state: Tensor, parameters: Tensor | None = None) -> Tensor:
-        """States (rows, N) with parameters (m, N), by default those of the design."""
-        if parameters is None:
-            parameters = self.design.to(state).expand(-1, state.shape[1])
+    def with_parameters(self, state: Tensor) -> Tensor:
+        """States (rows, N) with the parameters of the design."""
+        parameters = self.design.to(state).expand(-1, state.shape[1])
         return torch.cat((state[:6], parameters, state[-1:]))
 
     def after(self, state: Tensor, command: Tensor) -> tuple[Tensor, Tensor, Tensor]:
@@ -91,17 +90,6 @@ class VariedProblem(PoseProblem):
         for vector in (facing.rotate(leak) + push, facing.inverse().rotate(push) + leak):
             off += vector.columns()
         return torch.cat((torch.stack(off, dim=-1), super().features(state)), dim=-1)
-
-    def viewed(self, state: Tensor, turn: Tensor, hand: Tensor, place: Tensor) -> Tensor:
-        """As `PoseProblem.viewed`."""
-        own = super().viewed(torch.cat((state[:6], state[-1:])), turn, hand, place)
-        effects = state[6:-2].unflatten(0, (-1, 3))
-        x, y, about = effects.unbind(dim=1)
-        turned = [turn[..., i, 0] * x + turn[..., i, 1] * y for i in range(2)]
-        effects = torch.stack((*turned, hand * about), dim=1)
-        to = place.T[:, None].expand(-1, 3, -1)
-        seen = effects.scatter(0, to, effects)
-        return torch.cat((own[:6], seen.flatten(0, 1), state[-2:]))
 
 
 def drawn_parameters(conditions: Conditions, craft: Spacecraft, timing: Timing) -> list[Tensor]:
