@@ -271,11 +271,11 @@ def export(
             for that craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, copied by the format onnx.
         output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
             agent.
-        format: format of the agent: rans, sb3, or one of `rans.extend.FORMATS`, such as onnx, numpy, c, c8 (c with
-            weights of a byte), fmu, basilisk and px4. None has the safety filter, which needs RANS: the contract
-            names it, and `rans fly` on the folder applies it (docs/missions/guard.md).
+        format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte), fmu, basilisk, px4,
+            or another package's. None has the safety filter: the contract names it, and `rans fly` on the folder
+            applies it (docs/missions/guard.md).
         episodes: number of evaluation flights for the model card.
-        force: whether to export an agent that solves less than half of its flights, too.
+        force: whether to export an agent that solves less than half of its flights.
         name: prefix of the public names of C, so that two agents are linked into one program: approach makes
             approach_act of rans_agent_act.
 

@@ -54,7 +54,7 @@ _FORMS = {
 
 _HINT = arg(
     help_behavior_hint=lambda value: (
-        "" if value in ("", "None", "False", "inf") else f"(default: {value})"
+        "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"
     )
 )
 """Help names a default only where it says more than the text."""

@@ -35,7 +35,6 @@ def overview(about: str, commands: Mapping[str, type[Command]]) -> str:
     if others := ", ".join(name for name in commands if name not in BUILT_IN):
         lines += ["", "Of packages:", *_filled(f"  {others}.", width, "  ")]
     lines += ["", *_everywhere(width)]
-    lines += ["", *_filled("`rans COMMAND --help` has options and examples.", width)]
     return "\n".join(lines)
 
 

@@ -31,7 +31,7 @@ class Init(Options):
     along each axis, and the largest torque about it, while all others are zero.
     """
 
-    group = "Check"
+    group = "Describe"
     guide = "docs/spacecraft.md"
     examples = (
         "rans init mine.toml",

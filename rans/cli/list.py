@@ -29,7 +29,7 @@ from rans.terminal import Terminal
 class List:
     """List spacecraft, tasks, agents, controllers and conditions, or show one of them in detail."""
 
-    group = "Check"
+    group = "Describe"
     guide = "docs/terminal.md"
     examples = (
         "rans list",
@@ -37,11 +37,13 @@ class List:
         "rans list mine.toml --picture craft.svg",
     )
 
-    name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
+    name: Annotated[
+        str | None, conf.Positional, conf.arg(metavar="[NAME]", help_behavior_hint="")
+    ] = None
     """A spacecraft, task, agent, controller or set of conditions, by name, TOML file or MODULE:NAME.
     SPACECRAFT, TASKS, AGENTS, CONTROLLERS and CONDITIONS list all of a kind; TRAINING lists the settings of a
     training."""
-    picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
+    picture: Annotated[Path | None, conf.arg(metavar="FILE", help_behavior_hint="")] = None
     """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
 
     def following(self) -> tuple[str, ...]:

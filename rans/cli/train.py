@@ -67,8 +67,8 @@ class Train(Options):
     following = ("rans list AGENTS",)
 
     set: Annotated[UseAppendAction[tuple[str, ...]], arg(metavar="KEY=VALUE")] = ()
-    """Change an entry of the config (see `rans list TRAINING`), as in `--set ppo.gamma=0.98`,
-    `--set guard=true` or `--set algorithm=NAME`; may be repeated."""
+    """Change an entry of the config (see `rans list TRAINING`), as in `--set ppo.gamma=0.98`
+    or `--set guard=true`; may be repeated."""
     resume: Path | None = None
     """Continue the training in this run folder from its last checkpoint, or start it if there is none; beyond its
     steps with `--total-timesteps N`, which counts those before too."""

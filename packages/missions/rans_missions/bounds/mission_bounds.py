@@ -80,7 +80,7 @@ class MissionBounds:
         parts = []
         for entry in entries:
             ratios = self.ratios(entry)
-            mean = f"{ratios.mean():.3f}" if len(ratios) else "none succeeded"
+            mean = f"{ratios.mean():.4g}" if len(ratios) else "none succeeded"
             some = f" ({len(ratios)})" if 0 < len(ratios) < len(self.lower) else ""
             parts.append(f"{entry.name} {mean}{some}")
         return (
