@@ -276,7 +276,7 @@ def export(
             applies it (docs/missions/guard.md).
         episodes: number of evaluation flights for the model card.
         force: whether to export an agent that solves less than half of its flights.
-        name: prefix of the public names of C, so that two agents are linked into one program: approach makes
+        name: prefix of the names of C, so that two agents are linked into one program: approach makes
             approach_act of rans_agent_act.
 
     Raises:
