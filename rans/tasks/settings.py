@@ -17,8 +17,8 @@ Tree = TypeVar("Tree")
 """A task, or any nested dataclasses and tuples of numbers."""
 
 
-_MOST = 1e15
-"""Largest setting; sums of squares of larger ones exceed the range of float32."""
+_MOST = 3e38
+"""Largest setting: single precision, in which engines fly, has none above 3.4e38."""
 
 
 def check_settings(task: Any) -> None:
