@@ -57,27 +57,25 @@ def said(answer: Answer) -> Any:
             yield
 
 
-def planted(answers: Answers) -> list[tuple[str, str]]:
-    """Readers and questions with a planted file."""
-    return [
-        (reader, question)
+def planted(answers: Answers) -> Any:
+    """The mark of a test that is given each planted file as its ``answer``.
+
+    Every question has an answer of every reader, and every reader refuses something.
+    """
+    for reader, own in answers.items():
+        assert own.keys() == QUESTIONS.keys(), reader
+        assert any(isinstance(answer, Answer) for answer in own.values()), reader
+    asked = [
+        pytest.param(answer, id=f"{reader}-{question}")
         for reader, own in answers.items()
         for question, answer in own.items()
         if isinstance(answer, Answer)
     ]
+    return pytest.mark.parametrize("answer", asked)
 
 
-def check_complete(answers: Answers) -> None:
-    """Every question has an answer of every reader, and every reader refuses something."""
-    for reader, own in answers.items():
-        assert own.keys() == QUESTIONS.keys(), reader
-        assert any(isinstance(answer, Answer) for answer in own.values()), reader
-
-
-def check_said(answers: Answers, reader: str, question: str, folder: Path) -> None:
+def check_said(answer: Answer, folder: Path) -> None:
     """The reader refuses or names what the planted file means."""
-    answer = answers[reader][question]
-    assert isinstance(answer, Answer)
     ask = answer.plant(folder)
     with said(answer):
         ask()

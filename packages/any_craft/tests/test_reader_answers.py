@@ -6,14 +6,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
 from rans_any_craft.importers import read_foreign
 
 import rans
 from tests.support.reader_questions import (
     Answer,
     Answers,
-    check_complete,
     check_said,
     planted,
     written,
@@ -76,10 +74,6 @@ ANSWERS: Answers = {
 }
 
 
-def test_every_question_is_answered() -> None:
-    check_complete(ANSWERS)
-
-
-@pytest.mark.parametrize(("reader", "question"), planted(ANSWERS))
-def test_a_file_that_means_something_else(reader: str, question: str, tmp_path: Path) -> None:
-    check_said(ANSWERS, reader, question, tmp_path)
+@planted(ANSWERS)
+def test_a_file_that_means_something_else(answer: Answer, tmp_path: Path) -> None:
+    check_said(answer, tmp_path)
