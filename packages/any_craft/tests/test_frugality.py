@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -120,8 +122,15 @@ def test_a_run_folder_keeps_the_value(tmp_path, monkeypatch):
     assert np.array_equal(predict(saved, seen)[0], predict(expected, seen)[0])
 
 
+def forged(network: Network, folder: Path, **changes: Any) -> Network:
+    """What is read of its file with other numbers in it."""
+    file = folder / "agent.safetensors"
+    file.write_bytes(actor_bytes(replace(network.architecture, **changes), network.weights(), 0))
+    return read_policy(file).network
+
+
 @pytest.mark.parametrize(
-    "forged",
+    "changes",
     [
         *(
             {"frugal": tuple(AS_TRAINED._replace(**{name: wrong}))}
@@ -144,30 +153,19 @@ def test_a_run_folder_keeps_the_value(tmp_path, monkeypatch):
         ),
     ],
 )
-def test_other_numbers_in_a_file_are_refused(forged, tmp_path):
-    network = contestant("any-craft-2d").network
-    file = tmp_path / "agent.safetensors"
-    file.write_bytes(actor_bytes(replace(network.architecture, **forged), network.weights(), 0))
+def test_other_numbers_in_a_file_are_refused(changes, tmp_path):
     with pytest.raises(ConfigError, match=r"frugality|reach"):
-        read_policy(file)
+        forged(contestant("any-craft-2d").network, tmp_path, **changes)
 
 
 @pytest.mark.parametrize("spec", ["adaptive:any-craft-2d", "any-craft-2d@pingu", "any-craft-3d"])
 def test_a_file_says_that_pulses_hold_only_a_craft_that_they_can(spec, tmp_path):
-    network = contestant(spec).network
-    file = tmp_path / "agent.safetensors"
-    forged = replace(network.architecture, frugal=tuple(AS_TRAINED._replace(hold=1.0)))
-    file.write_bytes(actor_bytes(forged, network.weights(), 0))
     with pytest.raises(ConfigError, match="hold"):
-        read_policy(file)
+        forged(contestant(spec).network, tmp_path, frugal=tuple(AS_TRAINED._replace(hold=1.0)))
 
 
 @pytest.mark.parametrize("later", [(), (1.0,)])
 def test_files_of_before_prices_fell_and_pulses_held_are_read(later, tmp_path):
-    network = contestant("any-craft-2d").network
-    file = tmp_path / "agent.safetensors"
-    older = replace(network.architecture, frugal=(1.0, 0.5, 0.0, 2.0, 1.0, 1.0, *later))
-    file.write_bytes(actor_bytes(older, network.weights(), 0))
-    assert numbers_of(read_policy(file).network.architecture) == AS_TRAINED._replace(
-        farthest=0.5, price=2.0
-    )
+    numbers = (1.0, 0.5, 0.0, 2.0, 1.0, 1.0, *later)
+    read = forged(contestant("any-craft-2d").network, tmp_path, frugal=numbers)
+    assert numbers_of(read.architecture) == AS_TRAINED._replace(farthest=0.5, price=2.0)

@@ -37,9 +37,13 @@ def trainer(folder: Path, given: TrainConfig) -> Trainer:
     return Trainer(given, load_spacecraft(given.spacecraft), RunFolder(folder))
 
 
-def imitate(begun: Trainer) -> Any:
-    """The expert, which the training's agent has imitated."""
+def imitate(begun: Trainer) -> tuple[Any, Network]:
+    """The expert, which the training's agent has imitated, and that agent before."""
     learner = begun.learner
+    own = learner.network
+    untrained = Network(
+        own.architecture, {name: x.detach().clone() for name, x in own.tensors.items()}
+    )
     expert = teacher("pretrained:any-craft-2d", begun.engine, learner.network.architecture)
     assert expert is not None
     losses: list[float] = []
@@ -55,7 +59,7 @@ def imitate(begun: Trainer) -> Any:
     # Each round adds states that its own flights lead to, so that it need not fall.
     assert losses
     assert torch.tensor(losses).isfinite().all()
-    return expert
+    return expert, untrained
 
 
 def shorten(monkeypatch: pytest.MonkeyPatch, rounds: int, updates: int) -> None:
@@ -74,10 +78,7 @@ def test_its_commands_are_met(craft, tmp_path, monkeypatch):
     begun = trainer(tmp_path, config(craft=craft))
     engine = begun.engine
     learner = begun.learner.network
-    untrained = Network(
-        learner.architecture, {name: x.detach().clone() for name, x in learner.tensors.items()}
-    )
-    expert = imitate(begun)
+    expert, untrained = imitate(begun)
     seen = engine.observe()
     with torch.no_grad():
         asked, before, after = (
@@ -96,10 +97,7 @@ def test_what_it_demands_is_met_where_valves_share_a_supply(tmp_path, monkeypatc
     shorten(monkeypatch, rounds=3, updates=60)
     begun = trainer(tmp_path, config(craft="floating-platform-shared", backbone="allocated"))
     learner, engine = begun.learner.network, begun.engine
-    untrained = Network(
-        learner.architecture, {name: x.detach().clone() for name, x in learner.tensors.items()}
-    )
-    expert = imitate(begun)
+    expert, untrained = imitate(begun)
     missed = []
     with torch.no_grad():
         for _ in range(30):

@@ -123,6 +123,7 @@ def test_a_craft_outside_of_the_training_is_told_so_with_the_number():
         for_craft(network(), load_spacecraft("atmos"), 0.1)
 
 
+@pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")
 def test_craft_that_it_cannot_fly_are_refused_with_the_reason():
     with pytest.raises(ConfigError, match="in the plane only: name any-craft-3d for spheres"):
         for_craft(network(), load_spacecraft("spheres"), 0.1)
@@ -131,25 +132,22 @@ def test_craft_that_it_cannot_fly_are_refused_with_the_reason():
         for_craft(network(3), load_spacecraft("afrl-deputy"), 1.0)
     # Go-to-position is no advice where a push is missing too.
     deputy = load_spacecraft("afrl-deputy")
-    with pytest.warns(UserWarning, match="cannot push and turn"):
-        pushed = replace(deputy, thrusters=deputy.thrusters[:1])
+    pushed = replace(deputy, thrusters=deputy.thrusters[:1])
     with pytest.raises(ConfigError, match=r"cannot accelerate it along .*missing or reversed"):
         for_craft(network(3), pushed, 1.0)
     with pytest.raises(ConfigError, match="innocube has no thruster"):
         for_craft(network(3), load_spacecraft("innocube"), 1.0)
     craft = load_spacecraft("floating-platform")
-    with pytest.warns(UserWarning, match="cannot push and turn"):
-        few = replace(craft, thrusters=craft.thrusters[:3])
+    few = replace(craft, thrusters=craft.thrusters[:3])
     # It turns and goes along x, and nothing pushes it along y: y is named, not x.
-    with pytest.warns(UserWarning, match="cannot push and turn"):
-        flat = replace(
-            craft,
-            thrusters=tuple(
-                Thruster((x, y, 0.0), (x / 0.2, 0.0, 0.0), 1.0)
-                for x in (0.2, -0.2)
-                for y in (0.1, -0.1)
-            ),
-        )
+    flat = replace(
+        craft,
+        thrusters=tuple(
+            Thruster((x, y, 0.0), (x / 0.2, 0.0, 0.0), 1.0)
+            for x in (0.2, -0.2)
+            for y in (0.1, -0.1)
+        ),
+    )
     with pytest.raises(ConfigError, match="missing or reversed thruster"):
         for_craft(network(), few, 0.1)
     with pytest.raises(ConfigError, match=r"accelerate it along \+y"):

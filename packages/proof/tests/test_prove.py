@@ -20,19 +20,19 @@ from scipy.spatial.transform import Rotation
 from tests.support.processes import ROOT
 from tests.support.small_networks import layers
 
+PROOFS = ROOT / "examples/proofs"
+HOLD = PROOFS / "hold-agent"
+FREE_FLYER = PROOFS / "free-flyer-agent"
+
 
 def test_the_hold_agent_stays_for_ever():
     """The box in which its flights end is one that it comes back to, so that the ball is never entered."""
-    folder = ROOT / "examples/proofs"
-    far, near = (read_problem(folder / f"hold-agent{name}.toml") for name in ("", "-near"))
+    far, near = (read_problem(PROOFS / f"hold-agent{name}.toml") for name in ("", "-near"))
     assert far.end == near.end == Box(near.lower, near.upper)
     assert far.keep == near.keep
     assert far.derivative == near.derivative
     assert far.period == near.period
-    assert prove(near, read_network(folder / "hold-agent.onnx")).is_whole
-
-
-HOLD = ROOT / "examples/proofs/hold-agent"
+    assert prove(near, read_network(HOLD.with_suffix(".onnx"))).is_whole
 
 
 def proved(stem: Path) -> Proof:
@@ -90,9 +90,6 @@ def test_a_flight_that_leaves_the_range_of_numbers_breaks_its_property():
     assert start[0] == 2.0
 
 
-FREE_FLYER = ROOT / "examples/proofs/free-flyer-agent"
-
-
 def test_the_free_flyers_states_move_as_a_rigid_body():
     """The formulas against a flight in the world frame, with SciPy's rotations."""
     problem = read_problem(FREE_FLYER.with_suffix(".toml"))
@@ -143,17 +140,16 @@ def test_the_free_flyer_is_proved():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["docking-agent", "pose-agent"])
 def test_the_agents_of_the_page_are_proved(name):
-    proved(ROOT / f"examples/proofs/{name}")
+    proved(PROOFS / name)
 
 
 def test_the_hold_agent_from_ahead_is_refuted():
     """Its guidance knows nothing of the ball, which is then on its way."""
-    folder = ROOT / "examples/proofs"
-    problem = read_problem(folder / "hold-agent.toml")
+    problem = read_problem(HOLD.with_suffix(".toml"))
     ahead = replace(
         problem, steps=60, end=None, lower=(-5, 150, -5, 0, 0, 0), upper=(5, 160, 5, 0, 0, 0)
     )
-    network = read_network(folder / "hold-agent.onnx")
+    network = read_network(HOLD.with_suffix(".onnx"))
     proof = prove(ahead, network)
     assert proof.counterexample is not None
     assert lowest_margins(ahead, network, proof.counterexample[None])[0] < 0.0

@@ -28,19 +28,11 @@ def test_what_a_robot_said_comes_back(robot, tmp_path):
     bag = []
     rows = []
     for k in range(8):
-        angle = 0.3 * k
-        half = 0.5 * angle
-        motion = Motion(
-            np.array([0.1 * k, -0.2 * k, 0.0]),
-            np.array([np.cos(half), 0.0, 0.0, np.sin(half)]),
-            np.array([0.5, 0.25, 0.0]),
-            np.array([0.0, 0.0, 0.125]),
-        )
         command = (np.arange(8) == k).astype(float)
         now = (k + 1) * 200_000_000
-        both = (*ends.state(motion, now), *ends.command(command.tolist(), now))
+        both = (*ends.state(flown(k), now), *ends.command(command.tolist(), now))
         bag += [BagMessage(now, *message) for message in both]
-        rows.append((0.2 * k, 0.1 * k, -0.2 * k, angle, command))
+        rows.append((0.2 * k, 0.1 * k, -0.2 * k, 0.3 * k, command))
     log = read_bag(bag_of(tmp_path, bag), PLATFORM, robot)
     assert log.times == pytest.approx([row[0] for row in rows])
     assert log.position == pytest.approx(np.array([row[1:3] for row in rows]), abs=1e-6)
@@ -48,7 +40,7 @@ def test_what_a_robot_said_comes_back(robot, tmp_path):
     assert log.commands == pytest.approx(np.array([row[4] for row in rows]))
     if ends.has_velocity:
         assert log.velocity == pytest.approx(np.tile([0.5, 0.25], (8, 1)), abs=1e-6)
-        assert log.spin == pytest.approx(np.full(8, 0.125), abs=1e-6)
+        assert log.spin == pytest.approx(np.full(8, 1.5), abs=1e-6)
     else:
         assert np.isnan(log.velocity).all()
 

@@ -109,19 +109,10 @@ def test_the_command_that_shows_a_flight_says_whose_code_it_runs():
         view_command(["runs/a b"], GoToPose(), None, 3, 7)
         == "rans view 'runs/a b' --episode 3 --seed 7"
     )
-    assert view_command(["x", "y"], Mine(), "lab", 0, 1).split() == [
-        "rans",
-        "view",
-        "x",
-        "y",
-        "--conditions",
-        "lab",
-        "--episode",
-        "0",
-        "--seed",
-        "1",
-        "--trust",
-    ]
+    assert (
+        view_command(["x", "y"], Mine(), "lab", 0, 1)
+        == "rans view x y --conditions lab --episode 0 --seed 1 --trust"
+    )
 
 
 def test_protocols(run):

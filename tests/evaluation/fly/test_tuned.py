@@ -72,11 +72,16 @@ def test_spacecraft_of_one_name_have_files_apart():
     assert not any("/" in name for name in names)
 
 
-@pytest.mark.usefixtures("here")
-def test_of_own_ones_the_newest_serves():
+@pytest.fixture
+def shipped(here) -> Tuned:
+    """Settings that ship, where a user has none."""
+    found = tuned("lqr", SETUP)
+    assert found is not None
+    return found
+
+
+def test_of_own_ones_the_newest_serves(shipped):
     """An older version wrote the same by another name."""
-    shipped = tuned("lqr", SETUP)
-    assert shipped is not None
     for age, name in ((0, "z"), (60, "a")):
         replace(shipped, settings={"weights.position": 1.0 + age}).write(OWN / f"{name}.json")
         os.utime(OWN / f"{name}.json", (1e9 - age, 1e9 - age))
@@ -85,10 +90,7 @@ def test_of_own_ones_the_newest_serves():
     assert found.settings == {"weights.position": 1.0}
 
 
-@pytest.mark.usefixtures("here")
-def test_own_goes_first():
-    shipped = tuned("lqr", SETUP)
-    assert shipped is not None
+def test_own_goes_first(shipped):
     own = replace(shipped, settings={"weights.position": 1.5})
     own.write(OWN / "mine.json")
     assert tuned("lqr", SETUP) == own

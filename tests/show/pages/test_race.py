@@ -19,16 +19,17 @@ from tests.support.played import Played
 from tests.support.random_flights import Random
 
 PLATFORM = rans.load_spacecraft("floating-platform")
+POSE = rans.GoToPose()
 
 
-def flown(craft: rans.Spacecraft, steps: int) -> Flight:
-    task = rans.GoToPose()
+def flown(craft: rans.Spacecraft, task: rans.Task, steps: int) -> Flight:
+    """Two flights under random thrust."""
     starts = scenarios(task, craft, seed=5, count=2)
-    return fly(craft, task, Random(craft), starts, rans.Timing(episode_steps=steps))
+    return fly(craft, task, Random(craft), starts, replace(task.timing, episode_steps=steps))
 
 
 def test_positions_axes_and_commands_are_the_flights():
-    flight = flown(PLATFORM, 6)
+    flight = flown(PLATFORM, POSE, 6)
     (start,) = race(PLATFORM, [("worst", [Track("a", flight, 1, 0.8)])]).data["starts"]
     (track,) = start["tracks"]
     np.testing.assert_allclose(
@@ -47,11 +48,11 @@ def test_positions_axes_and_commands_are_the_flights():
 
 def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once():
     task = rans.load_task("avoid")
-    starts = scenarios(task, PLATFORM, seed=5, count=2)
-    flight = fly(PLATFORM, task, Random(PLATFORM), starts, rans.Timing(episode_steps=6))
+    zones = scenarios(task, PLATFORM, seed=5, count=2).goal.notes.zones
+    flight = flown(PLATFORM, task, 6)
     (start,) = race(PLATFORM, [("x", [Track("a", flight, 1, 0.8)])]).data["starts"]
     assert [shape["kind"] for shape in start["shapes"]] == ["Ball"] * 3
-    for zone, shape in zip(starts.goal.notes.zones, start["shapes"], strict=True):
+    for zone, shape in zip(zones, start["shapes"], strict=True):
         # Centre, velocity and radius after 0, 0.2, ... 1.2 s.
         x = zone.centre.x[1] + zone.v.x[1] * 0.2 * np.arange(7)
         np.testing.assert_allclose([row[0] for row in shape["rows"]], x, atol=6e-4)
@@ -68,10 +69,8 @@ def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once():
 
 
 def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them():
-    task = rans.load_task("inspect")
     craft = rans.load_spacecraft("afrl-deputy")
-    starts = scenarios(task, craft, seed=5, count=1)
-    flight = fly(craft, task, Random(craft), starts, replace(task.timing, episode_steps=4))
+    flight = flown(craft, rans.load_task("inspect"), 4)
     (start,) = race(craft, [("x", [Track("a", flight, 0, np.inf)])]).data["starts"]
     counted = [sum(0 <= row[3] <= k for row in start["markers"]) for k in range(5)]
     assert counted == flight.goals.notes.count[:, 0].tolist()
@@ -91,7 +90,7 @@ def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(replay
 @pytest.mark.slow
 def test_a_replay_plays_although_its_first_frame_began_before_it(tmp_path):
     """Browsers tell when a frame began, which may be before the script asked for it."""
-    replay = race(PLATFORM, [("x", [Track("a", flown(PLATFORM, 6), 1, 0.8)])], plays=True)
+    replay = race(PLATFORM, [("x", [Track("a", flown(PLATFORM, POSE, 6), 1, 0.8)])], plays=True)
     late = "<script>const was = performance.now.bind(performance); performance.now = () => was() + 500;"
     mistakes = "onerror = text => { document.documentElement.dataset.mistake = text; };</script>"
     html = late + mistakes + Page("x", [Section("s", race=replay)]).html()

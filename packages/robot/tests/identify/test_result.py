@@ -95,14 +95,13 @@ def test_a_planar_moment_above_twice_the_sheet_s_is_written(found, tmp_path):
 
 def test_a_thruster_that_never_fired_is_said_not_to_be_identifiable(flight):
     random = np.random.default_rng(0)
-    log = flight
-    still = replace(log, commands=np.zeros_like(log.commands))
     still = replace(
-        still,
-        position=random.normal(0.0, 0.005, log.position.shape),
-        attitude=random.normal(0.0, 0.008, log.attitude.shape),
-        velocity=random.normal(0.0, 0.01, log.velocity.shape),
-        spin=random.normal(0.0, 0.008, log.spin.shape),
+        flight,
+        commands=np.zeros_like(flight.commands),
+        position=random.normal(0.0, 0.005, flight.position.shape),
+        attitude=random.normal(0.0, 0.008, flight.attitude.shape),
+        velocity=random.normal(0.0, 0.01, flight.velocity.shape),
+        spin=random.normal(0.0, 0.008, flight.spin.shape),
     )
     found = rans.identify(still, PLATFORM)
     assert not any(row.is_identifiable for row in found.rows()[:8])
