@@ -26,7 +26,7 @@ from rans.episode import Setup, World
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft
-from tests.support.crafts import nasty_planar, nasty_spatial
+from tests.support.crafts import heavier, nasty_planar, nasty_spatial
 
 FLYER = load_spacecraft("free-flyer")
 
@@ -182,16 +182,11 @@ def test_worlds_and_engines_know_the_number():
     assert (heavy._world.timing.substeps or 9) < number
 
 
-def _scaled(craft: Spacecraft, mass: float, inertia: float) -> Spacecraft:
-    moments = tuple(tuple(inertia * x for x in row) for row in craft.inertia)
-    return replace(craft, mass=mass * craft.mass, inertia=moments)  # pyrefly: ignore[bad-argument-type]
-
-
 @pytest.mark.parametrize("craft", ["floating-platform", "free-flyer"])
 def test_what_is_flown_keeps_its_state(craft):
     """Just within both bounds, for some periods of random commands."""
-    light = _scaled(load_spacecraft(craft), 1e-6, 1.0)
-    quick = _scaled(load_spacecraft(craft), 1.0, spin_up(light) * 0.04 / 499.0)
+    light = heavier(load_spacecraft(craft), 1e-6, 1.0)
+    quick = heavier(load_spacecraft(craft), 1.0, spin_up(light) * 0.04 / 499.0)
     dice = torch.Generator().manual_seed(0)
     for wild in (light, quick):
         with warnings.catch_warnings():

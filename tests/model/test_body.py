@@ -11,6 +11,7 @@ import torch
 
 from rans import Engine, GoToPose, SensorConditions, Spacecraft
 from rans.model.body import Body
+from tests.support.crafts import heavier
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, both_crafts
 
 SCALES = torch.tensor([0.5, 1.0, 1.3, 4.0], dtype=torch.float64)
@@ -37,10 +38,7 @@ def test_each_flies_as_in_an_engine_of_its_like(craft):
     )  # as many alone as together, where the liveliest decides for all
     together = flown(Engine(craft, NEAR, 4, short, body=scaled(craft, SCALES), **how))
     for i, scale in enumerate(SCALES.tolist()):
-        inertia = tuple(tuple(entry * scale for entry in row) for row in craft.inertia)
-        alone = flown(
-            Engine(replace(craft, mass=craft.mass * scale, inertia=inertia), NEAR, 4, short, **how)
-        )
+        alone = flown(Engine(heavier(craft, scale, scale), NEAR, 4, short, **how))
         # Rounding of 25 steps.
         torch.testing.assert_close(together[:, i], alone[:, i], rtol=0, atol=1e-11)
 

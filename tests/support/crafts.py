@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from dataclasses import replace
 from typing import Any, Literal
 
 import numpy as np
@@ -97,6 +98,12 @@ def point() -> Spacecraft:
         Thruster((0.0, 0.0, 0.0), (math.cos(angle), math.sin(angle), 0.0), 1.0) for angle in angles
     )
     return Spacecraft("point", 2, 4.0, _rotated((0.2, 0.2, 0.2), Rotation.identity()), thrusters)
+
+
+def heavier(craft: Spacecraft, mass: float, inertia: float, **changes: Any) -> Spacecraft:
+    """The craft with so many times its mass and its inertia."""
+    moments = tuple(triple(inertia * x for x in row) for row in craft.inertia)
+    return replace(craft, mass=mass * craft.mass, inertia=moments, **changes)
 
 
 def _nasty_tensor() -> Tensor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ from rans import Conditions, Engine, GoToPose, Spacecraft, Timing
 from rans.flight import Flight, fly
 from rans.model.fields import leaves
 from rans.scenario import draws, scenarios
+from rans.tasks import Task
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 TASK = GoToPose(fail_distance=1e3, fail_spin=1e3)
@@ -58,6 +60,12 @@ def flown(
         conditions=conditions,
         draws=draws(9, 2),
     ), pilot
+
+
+def thrusting(craft: Spacecraft, task: Task, steps: int = 8, seed: int = 5) -> Flight:
+    """Two flights of a task."""
+    starts = scenarios(task, craft, seed, 2)
+    return fly(craft, task, Random(craft), starts, replace(task.timing, episode_steps=steps))
 
 
 class InEngine:

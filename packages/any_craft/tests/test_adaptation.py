@@ -27,6 +27,7 @@ from rans.policy.network import Network
 from rans.policy.preprocess import TorchRows
 from rans.randomization.conditions import Conditions, FaultConditions
 from rans.tasks import GoToPose
+from tests.support.crafts import heavier
 
 PERIOD = 0.2
 
@@ -152,12 +153,12 @@ def test_a_craft_that_moves_at_the_start_has_its_own_mass() -> None:
 def test_an_estimated_craft_gets_the_columns_of_its_file() -> None:
     """With half of the gains the network is given what it is given of a craft with twice the mass."""
     craft = load_spacecraft("floating-platform")
-    inertia = tuple(tuple(2.0 * x for x in row) for row in craft.inertia)
-    heavy = replace(craft, mass=2.0 * craft.mass, inertia=inertia)  # pyrefly: ignore[bad-argument-type]
     plain = contestant("any-craft-2d").controller
     assert isinstance(plain, Agent)
     row = [0.6, 0.8, 0.1, -0.2, 0.3, 1.0, 1.5, -0.4, 0.28, 0.96]
-    stated = for_craft(plain.network, heavy, PERIOD).architecture.preprocessed(row)
+    stated = for_craft(plain.network, heavier(craft, 2.0, 2.0), PERIOD).architecture.preprocessed(
+        row
+    )
     architecture = network("floating-platform").architecture
     read = architecture.preprocessed(row)
     assert ALLOCATED.adapted(architecture, read, [0.5, 0.5], 0.0) == pytest.approx(stated)

@@ -16,14 +16,14 @@ from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.config import training
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from rans.policy.timing import timing_of_file
+from tests.support.crafts import heavier
 
 PLATFORM = load_spacecraft("floating-platform")
 
 
 def slow() -> Spacecraft:
     """The platform with 20 times the mass and inertia: at 0.02 m/s^2 it needs longer episodes than its task's."""
-    inertia = tuple(tuple(20.0 * x for x in row) for row in PLATFORM.inertia)
-    return replace(PLATFORM, name="slow", mass=20.0 * PLATFORM.mass, inertia=inertia)  # pyrefly: ignore[bad-argument-type]
+    return heavier(PLATFORM, 20.0, 20.0, name="slow")
 
 
 def test_every_contestant_of_a_file_flies_the_same_length_and_period(tmp_path):
@@ -82,9 +82,8 @@ def test_what_cannot_be_steered_is_refused_by_its_axis_before_its_length():
 
 def test_a_craft_of_wrong_units_keeps_the_length_of_its_task_and_is_refused_by_the_agent():
     """1e11 times the mass over force takes 3e5 times as long: 13 s for 4 m become 1.5 months, of 0.2 s each."""
-    inertia = tuple(tuple(1e8 * x for x in row) for row in PLATFORM.inertia)
     weak = tuple(replace(one, force=1e-3 * one.force) for one in PLATFORM.thrusters)
-    craft = replace(PLATFORM, mass=1e8 * PLATFORM.mass, inertia=inertia, thrusters=weak)  # pyrefly: ignore[bad-argument-type]
+    craft = heavier(PLATFORM, 1e8, 1e8, thrusters=weak)
     assert timing_of_file(craft, TASKS["go-to-pose"](), "heavy.toml") == Timing()
     with pytest.raises(ConfigError, match="mass in g"):
         timing_for(craft, Timing())

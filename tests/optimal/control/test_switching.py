@@ -21,6 +21,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.optimal.control.allocation import ThrusterPatterns
 from rans.optimal.control.switching import Curve, Switching, time_to_rest
 from rans.scenario import Scenario, scenarios
+from tests.support.crafts import heavier
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")
@@ -118,8 +119,7 @@ def test_a_craft_of_a_thousand_times_the_mass_and_force_flies_the_same():
     """Its accelerations are the same, so nothing but the numbers of N and kg differs; 2^11 rounds nothing."""
     much = 2.0**11
     thrusters = tuple(replace(one, force=much * one.force) for one in PLATFORM.thrusters)
-    inertia = tuple(tuple(much * x for x in row) for row in PLATFORM.inertia)
-    large = replace(PLATFORM, mass=much * PLATFORM.mass, inertia=inertia, thrusters=thrusters)  # pyrefly: ignore[bad-argument-type]
+    large = heavier(PLATFORM, much, much, thrusters=thrusters)
     starts = scenarios(TASK, PLATFORM, 47, 4)
     timing = Timing(episode_steps=60)
     small, same = (

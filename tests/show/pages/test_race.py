@@ -10,26 +10,20 @@ import numpy as np
 import pytest
 
 import rans
-from rans.flight import Flight, fly
+from rans.flight import fly
 from rans.scenario import scenarios
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import Race, Track, race
 from tests.support.browser import opened, served
 from tests.support.played import Played
-from tests.support.random_flights import Random
+from tests.support.random_flights import thrusting
 
 PLATFORM = rans.load_spacecraft("floating-platform")
 POSE = rans.GoToPose()
 
 
-def flown(craft: rans.Spacecraft, task: rans.Task, steps: int) -> Flight:
-    """Two flights under random thrust."""
-    starts = scenarios(task, craft, seed=5, count=2)
-    return fly(craft, task, Random(craft), starts, replace(task.timing, episode_steps=steps))
-
-
 def test_positions_axes_and_commands_are_the_flights():
-    flight = flown(PLATFORM, POSE, 6)
+    flight = thrusting(PLATFORM, POSE, 6)
     (start,) = race(PLATFORM, [("worst", [Track("a", flight, 1, 0.8)])]).data["starts"]
     (track,) = start["tracks"]
     np.testing.assert_allclose(
@@ -49,7 +43,7 @@ def test_positions_axes_and_commands_are_the_flights():
 def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once():
     task = rans.load_task("avoid")
     zones = scenarios(task, PLATFORM, seed=5, count=2).goal.notes.zones
-    flight = flown(PLATFORM, task, 6)
+    flight = thrusting(PLATFORM, task, 6)
     (start,) = race(PLATFORM, [("x", [Track("a", flight, 1, 0.8)])]).data["starts"]
     assert [shape["kind"] for shape in start["shapes"]] == ["Ball"] * 3
     for zone, shape in zip(zones, start["shapes"], strict=True):
@@ -70,7 +64,7 @@ def test_zones_move_as_those_of_the_flight_and_a_slope_is_given_once():
 
 def test_points_are_seen_from_the_instant_on_at_which_the_mission_counts_them():
     craft = rans.load_spacecraft("afrl-deputy")
-    flight = flown(craft, rans.load_task("inspect"), 4)
+    flight = thrusting(craft, rans.load_task("inspect"), 4)
     (start,) = race(craft, [("x", [Track("a", flight, 0, np.inf)])]).data["starts"]
     counted = [sum(0 <= row[3] <= k for row in start["markers"]) for k in range(5)]
     assert counted == flight.goals.notes.count[:, 0].tolist()
@@ -90,7 +84,7 @@ def test_only_a_page_with_a_replay_has_a_script_and_its_data_is_no_markup(replay
 @pytest.mark.slow
 def test_a_replay_plays_although_its_first_frame_began_before_it(tmp_path):
     """Browsers tell when a frame began, which may be before the script asked for it."""
-    replay = race(PLATFORM, [("x", [Track("a", flown(PLATFORM, POSE, 6), 1, 0.8)])], plays=True)
+    replay = race(PLATFORM, [("x", [Track("a", thrusting(PLATFORM, POSE, 6), 1, 0.8)])], plays=True)
     late = "<script>const was = performance.now.bind(performance); performance.now = () => was() + 500;"
     mistakes = "onerror = text => { document.documentElement.dataset.mistake = text; };</script>"
     html = late + mistakes + Page("x", [Section("s", race=replay)]).html()

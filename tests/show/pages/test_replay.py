@@ -9,21 +9,14 @@ import numpy as np
 import pytest
 
 import rans
-from rans.flight import Flight, fly
-from rans.scenario import scenarios
 from rans.show.pages.page import Page
 from rans.show.pages.race import Race
 from rans.show.pages.replay import replay_page
 from tests.support.browser import opened, served
-from tests.support.random_flights import Random
+from tests.support.random_flights import thrusting
 
 PLATFORM = rans.load_spacecraft("floating-platform")
 FLYER = rans.load_spacecraft("free-flyer")
-
-
-def flown(craft: rans.Spacecraft, task: rans.Task, seed: int = 5) -> Flight:
-    starts = scenarios(task, craft, seed=seed, count=2)
-    return fly(craft, task, Random(craft), starts, rans.Timing(episode_steps=8))
 
 
 def races(page: Page) -> list[Race]:
@@ -32,10 +25,10 @@ def races(page: Page) -> list[Race]:
 
 def test_flights_from_the_same_starts_share_a_picture():
     flights = [
-        flown(PLATFORM, rans.GoToPose()),
-        flown(FLYER, rans.GoToPose()),
-        flown(PLATFORM, rans.GoToPose()),
-        flown(PLATFORM, rans.GoToPose(), seed=6),
+        thrusting(PLATFORM, rans.GoToPose()),
+        thrusting(FLYER, rans.GoToPose()),
+        thrusting(PLATFORM, rans.GoToPose()),
+        thrusting(PLATFORM, rans.GoToPose(), seed=6),
     ]
     replays = races(replay_page(flights, "all"))
     assert [len(each.data["starts"][0]["tracks"]) for each in replays] == [2, 1, 1]
@@ -46,7 +39,7 @@ def test_flights_from_the_same_starts_share_a_picture():
 
 
 def test_a_velocity_to_follow_is_given_with_that_of_the_craft():
-    flight = flown(PLATFORM, rans.TrackVelocity())
+    flight = thrusting(PLATFORM, rans.TrackVelocity())
     (start, _) = races(replay_page([flight], "t"))[0].data["starts"]
     (track,) = start["tracks"]
     assert start["follows"]
@@ -56,7 +49,7 @@ def test_a_velocity_to_follow_is_given_with_that_of_the_craft():
     assert start["goal"]["v"][0][0] == pytest.approx(float(wanted), abs=5e-4)
     assert (
         "v"
-        not in races(replay_page([flown(PLATFORM, rans.GoToPose())], "t"))[0].data["starts"][0][
+        not in races(replay_page([thrusting(PLATFORM, rans.GoToPose())], "t"))[0].data["starts"][0][
             "tracks"
         ][0]
     )
@@ -65,7 +58,7 @@ def test_a_velocity_to_follow_is_given_with_that_of_the_craft():
 @pytest.mark.slow
 def test_a_browser_draws_it(tmp_path):
     """After its scripts have run, every flight has its distance, or the error of its velocity."""
-    flights = [flown(PLATFORM, rans.GoToPose()), flown(FLYER, rans.TrackVelocity())]
+    flights = [thrusting(PLATFORM, rans.GoToPose()), thrusting(FLYER, rans.TrackVelocity())]
     with served({"/": replay_page(flights, "t").html()}) as (address, _):
         page = opened(f"{address}/", tmp_path)
     assert re.findall(r'class="now">[\d.]+ (m|m/s) · [\d.]+ s open', page) == ["m", "m/s"]
