@@ -15,11 +15,11 @@ from tests.support.small_networks import damping, written
 README = (
     "init own.toml --from floating-platform",
     "list own.toml",
-    "train go-to-pose --spacecraft own.toml --output runs/first",
-    "evaluate runs/first",
+    "train go-to-pose --spacecraft own.toml --output runs/my-agent",
+    "evaluate runs/my-agent",
     "compare own.toml",
-    "report runs/first",
-    "view runs/first --play --save fly.html",
+    "report runs/my-agent",
+    "view runs/my-agent --play --save fly.html",
 )
 """Commands of README and of an own spacecraft, in a user's order."""
 TINY = (
@@ -103,7 +103,7 @@ EVERY = (
     "evaluate own.toml",
     "view lqr:go-to-pose-2d@own.toml",
     "optimal go-to-pose --spacecraft own.toml --episodes 1 --output optimum",
-    "export runs/first --format c --output c",
+    "export runs/my-agent --format c --output c",
     "export go-to-pose-2d --format onnx --output onnx",
     "export go-to-pose-2d --format numpy --output numpy",
     "tune lqr:go-to-pose-2d@own.toml --seconds 1",

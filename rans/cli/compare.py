@@ -45,8 +45,8 @@ class Compare(Options):
     divides_work = True
     examples = (
         "rans compare mine.toml",
-        "rans compare runs/first",
-        "rans compare runs/first pretrained:go-to-pose-2d --episodes 16 --certified 2",
+        "rans compare runs/my-agent",
+        "rans compare runs/my-agent pretrained:go-to-pose-2d --episodes 16 --certified 2",
     )
 
     def following(self) -> tuple[str, ...]:

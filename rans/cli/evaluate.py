@@ -59,8 +59,8 @@ class Evaluate(Options):
     divides_work = True
     examples = (
         "rans evaluate mine.toml",
-        "rans evaluate runs/first",
-        "rans evaluate runs/first --engine drake --episodes 64",
+        "rans evaluate runs/my-agent",
+        "rans evaluate runs/my-agent --engine drake --episodes 64",
         "rans evaluate lqr:go-to-pose-2d@mine.toml --full",
         "rans evaluate sb3:policy.zip:go-to-pose-2d --trust",
     )

@@ -26,7 +26,7 @@ class Export(Options):
     group = "Deploy"
     guide = "docs/export.md"
     examples = (
-        "rans export runs/first --output my-agent --format onnx",
+        "rans export runs/my-agent --output my-agent --format onnx",
         "rans export pretrained:go-to-pose-2d --output my-agent --format numpy",
     )
     following = ("rans view {agent}",)

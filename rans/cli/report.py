@@ -21,7 +21,7 @@ class Report(Options):
 
     group = "Show"
     guide = "docs/viewing.md"
-    examples = ("rans report runs/first",)
+    examples = ("rans report runs/my-agent",)
 
     def following(self) -> tuple[str, ...]:
         """See `rans.cli.commands.Command`."""

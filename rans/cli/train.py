@@ -58,11 +58,11 @@ class Train(Options):
     group = "Train"
     guide = "docs/training.md"
     examples = (
-        "rans train go-to-pose --output runs/first",
+        "rans train go-to-pose --output runs/my-agent",
         "rans train go-to-pose --rl --output runs/from-nothing",
         "rans train go-to-pose --spacecraft mine.toml --conditions lab --quality good",
         "rans train go-to-pose --set thrust_weight=0.1 --set learning_rate=5e-4",
-        "rans train --resume runs/first",
+        "rans train --resume runs/my-agent",
     )
     following = ("rans list AGENTS",)
 

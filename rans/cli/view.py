@@ -28,7 +28,7 @@ class View(Options):
     group = "Show"
     guide = "docs/viewing.md"
     examples = (
-        "rans view runs/first lqr",
+        "rans view runs/my-agent lqr",
         "rans view pretrained:go-to-pose-3d --episodes 4 --save flights.html",
         "rans view pretrained:go-to-pose-2d --play --save fly.html",
     )
@@ -45,7 +45,7 @@ class View(Options):
     def run(self) -> int:
         """Serve the page until an interrupt, or write the requested files; the exit code is 0."""
         if not self.contestants:
-            raise ConfigError("name at least one contestant, as in `rans view runs/first`.")
+            raise ConfigError("name at least one contestant, as in `rans view runs/my-agent`.")
         whole("episodes", self.episodes)
         if not 0 <= self.episode < 2**31 - self.episodes:
             raise ConfigError(

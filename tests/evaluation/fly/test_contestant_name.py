@@ -11,8 +11,8 @@ from rans.evaluation.fly.contestant_name import ContestantName
 @pytest.mark.parametrize(
     ("exists", "text", "parts"),
     [
-        ("", "runs/first", ("run folder", "runs/first", "", "")),
-        ("", "runs/first#go-to-pose", ("run folder", "runs/first", "", "go-to-pose")),
+        ("", "runs/my-agent", ("run folder", "runs/my-agent", "", "")),
+        ("", "runs/my-agent#go-to-pose", ("run folder", "runs/my-agent", "", "go-to-pose")),
         ("", "go-to-pose-2d", ("pretrained", "go-to-pose-2d", "", "")),
         ("", "pretrained:any#0.3", ("pretrained", "any", "", "0.3")),
         ("", "lqr", ("controller", "lqr", "", "")),

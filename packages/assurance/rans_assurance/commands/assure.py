@@ -30,8 +30,8 @@ class Assure(Options):
     guide = "docs/assurance/assurance.md"
     divides_work = True
     examples = (
-        "rans assure runs/first --failure-below 1e-3",
-        "rans assure runs/first --conditions lab",
+        "rans assure runs/my-agent --failure-below 1e-3",
+        "rans assure runs/my-agent --conditions lab",
     )
     following = ("rans dossier {agent}",)
 

@@ -37,8 +37,8 @@ class Stress(Options):
     guide = "docs/assurance/stress.md"
     divides_work = True
     examples = (
-        "rans stress runs/first lqr",
-        'rans stress runs/first --only latency "noise of position"',
+        "rans stress runs/my-agent lqr",
+        'rans stress runs/my-agent --only latency "noise of position"',
     )
     following = ("rans assure {contestants}",)
 
