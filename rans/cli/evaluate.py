@@ -134,6 +134,7 @@ class Evaluate(Options):
             console.table(metrics.table(console.width, self.full))
         results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
         passed = True
+        # Engines are compared if both flew all episodes; an interrupt may have left one fewer.
         if len({flight.commands.shape[1] for flight in flights.values()}) < len(flights):
             from rans.evaluation.measure.agreement import compare_engines
 

@@ -49,7 +49,7 @@ def _is_bounded(contest: Contest) -> bool:
 
 
 KEEP_DISTANCE = Problem(_is_bounded, add_bounds)
-"""Of tasks whose `optimal_problem` has its name."""
+"""Bounds of the task `KeepDistance`: `optimal_problem` of a task is the name of its entry point."""
 
 
 def least(spacecraft: SpacecraftLike = "puck", episodes: int = 8) -> Table:

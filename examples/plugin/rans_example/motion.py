@@ -26,7 +26,7 @@ class Bowl(Drift):
     """A table that sags: what lies on it swings about the origin of W."""
 
     frequency: float
-    """Of the swing, rad/s, above 0."""
+    """Angular frequency of the swing about the origin, rad/s, above 0."""
     name: ClassVar[str] = "bowl"
     in_straight_lines: ClassVar[bool] = False
 

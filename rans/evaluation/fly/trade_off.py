@@ -20,7 +20,7 @@ class FixedTradeOff:
         self._agent = agent
 
     def expecting(self, conditions: Conditions | None) -> FixedTradeOff:
-        """The agent told what conditions it flies in, if it can expect them (`rans.flight.informed`)."""
+        """This agent for flights under these conditions, if it can expect them (`rans.flight.informed`)."""
         return FixedTradeOff(informed(self._agent, conditions), self.trade_off)
 
     def reset(self, count: int) -> None:

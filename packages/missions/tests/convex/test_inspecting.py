@@ -82,7 +82,7 @@ def test_the_cheapest_safe_flight_is_flown_and_else_the_cheapest():
 
 
 def test_half_of_the_points_are_those_that_cost_little():
-    """Of 20 points any 11: less than half of what all of them cost."""
+    """Inspecting 11 of 20 points may choose them, and costs less than half of inspecting all."""
     whole, half = (
         searched(Inspect(points=20, unseen_tolerance=tolerance), STARTS[1]).price
         for tolerance in (0.01, 0.5)
