@@ -30,7 +30,7 @@ def compiled_check(folder: Path) -> str:
         found = f"{found} It needs {about['stack']:,} bytes of stack."
     contract["c"] = about | {"checked": found}
     write_json(folder / "contract.json", contract)
-    return found
+    return f"{found} Add agent.c to your firmware, and call it as the first lines of agent.h do."
 
 
 def _found(folder: Path) -> str:

@@ -31,5 +31,5 @@ def rounded(network: Network) -> Network:
 _FILES = ("agent.h", "agent.c", "agent_check.c")
 C = Format(write_c, _FILES, is_prefixed=True, check=compiled_check)
 """A header and a source of C99, and a program that checks them."""
-C8 = Format(write_c, _FILES, rounded, is_prefixed=True)
+C8 = C._replace(reduced=rounded)
 """The export format c8: agents as C99 whose weights are rounded to a byte each."""

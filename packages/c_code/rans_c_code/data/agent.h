@@ -2,6 +2,14 @@
  *
  * Control period: @PERIOD@ s. contract.json says everything that an engineer needs to know of this agent.
  *
+ * Add agent.c to the sources of your firmware, with -lm (a test is cc -std=c99 agent.c agent_check.c -lm && ./a.out):
+ *
+ *     #include "agent.h"
+ *     static rans_agent agent;                                       // all of its state: no heap
+ *     static float observation[RANS_OBSERVATION], command[RANS_COMMANDS];
+ *     rans_agent_reset(&agent);                                      // when a flight begins
+ *     int status = rans_agent_act(&agent, observation, command);     // every control period; 0: all is well
+ *
  * Columns of an observation:
 @COLUMNS@
  *
