@@ -14,6 +14,7 @@ from rans.effectors.effector import Effector
 from rans.model.actuators import Actuators
 from rans.tasks import Task
 from tests.support.processes import loaded, modules_loaded
+from tests.support.sources import module_name
 
 ROOT = Path(__file__).parents[1]
 ROOMS = "rans", "validation", "campaigns"
@@ -108,10 +109,8 @@ INNER_DOORS = {
 
 def modules() -> list[tuple[str, Path]]:
     """Every module but the front door: name and file."""
-    found = []
-    for file in sorted(file for room in ROOMS for file in (ROOT / room).rglob("*.py")):
-        parts = file.relative_to(ROOT).with_suffix("").parts
-        found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
+    files = sorted(file for room in ROOMS for file in (ROOT / room).rglob("*.py"))
+    found = [(module_name(file, ROOT), file) for file in files]
     return [(name, file) for name, file in found if name not in ROOMS]
 
 

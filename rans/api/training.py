@@ -272,7 +272,7 @@ def config_of(
     Raises:
         ConfigError: one of these does not exist, or they are not compatible.
     """
-    from rans.fast.learn.algorithms import with_algorithm
+    from rans.fast.learn.algorithms import LEARNERS, with_algorithm
     from rans.fast.learn.config import (
         change_entry,
         from_table,
@@ -316,6 +316,12 @@ def config_of(
         for name, value in changes.items():
             change_entry(table, name, value)
         config = from_table(table)
+    # How long an algorithm trains follows from its own settings too, unless the user or a file says so.
+    length = LEARNERS[begun.algorithm].started
+    asked = {**numbers, **changes}.get("total_timesteps")
+    if asked is None and begun.total_timesteps == length(begun).total_timesteps:
+        total = length(replace(begun, learner=config.learner)).total_timesteps
+        config = replace(config, total_timesteps=total)
     if file is not None and spacecraft is None and config.spacecraft == begun.spacecraft:
         _check_unchanged(config.spacecraft, file)
     return config

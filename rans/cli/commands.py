@@ -2,10 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any, ClassVar, Protocol
+from dataclasses import fields
+from typing import Annotated, Any, ClassVar, Protocol
+
+from tyro.conf import arg
 
 from rans.errors import ConfigError
 from rans.registry import Registry
+
+_HINT = arg(
+    help_behavior_hint=lambda value: (
+        "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"
+    )
+)
+"""Help names a default only where it says more than the text."""
 
 
 class Command(Protocol):
@@ -40,6 +50,8 @@ def _checked(command: Any) -> type[Command]:
     lacking = [name for name in needed if not hasattr(command, name)]
     if lacking or not isinstance(command, type):
         raise ConfigError(f"the class of a command must have {', '.join(needed)}, got {command!r}.")
+    own = command.__annotations__
+    own |= {x.name: Annotated[own[x.name], _HINT] for x in fields(command) if x.name in own}
     return command
 
 

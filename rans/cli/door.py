@@ -52,14 +52,6 @@ _FORMS = {
 """How a terminal has values for which Python has objects; printed with the first option of its type."""
 
 
-_HINT = arg(
-    help_behavior_hint=lambda value: (
-        "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"
-    )
-)
-"""Help names a default only where it says more than the text."""
-
-
 class Options:
     """Base class of a command whose options `command_of` makes: type checkers cannot see them."""
 
@@ -154,16 +146,12 @@ def command_of(
         described.texts = shown  # pyrefly: ignore[missing-attribute]
         made = {name: Annotated[kind, Doc(shown[name])] for name, kind in made.items()}
         described.function = staticmethod(function)  # pyrefly: ignore[missing-attribute]
-        annotations = {name: Annotated[kind, _HINT] for name, kind in (made | own).items()}
-        described.__annotations__ = _required_first(annotations, described)
+        # A dataclass takes fields without a default first.
+        order = sorted((made | own).items(), key=lambda entry: hasattr(described, entry[0]))
+        described.__annotations__ = dict(order)
         return dataclass(frozen=True)(described)  # pyrefly: ignore[bad-return]
 
     return decorate
-
-
-def _required_first(annotations: dict[str, Any], described: type) -> dict[str, Any]:
-    """Annotations in an order that a dataclass takes: fields without a default come first."""
-    return dict(sorted(annotations.items(), key=lambda entry: hasattr(described, entry[0])))
 
 
 def argument_texts(function: Callable[..., Any]) -> dict[str, str]:

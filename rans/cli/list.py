@@ -37,13 +37,11 @@ class List:
         "rans list mine.toml --picture craft.svg",
     )
 
-    name: Annotated[
-        str | None, conf.Positional, conf.arg(metavar="[NAME]", help_behavior_hint="")
-    ] = None
+    name: Annotated[str | None, conf.Positional, conf.arg(metavar="[NAME]")] = None
     """A spacecraft, task, agent, controller or set of conditions, by name, TOML file or MODULE:NAME.
     SPACECRAFT, TASKS, AGENTS, CONTROLLERS and CONDITIONS list all of a kind; TRAINING lists the settings of a
     training."""
-    picture: Annotated[Path | None, conf.arg(metavar="FILE", help_behavior_hint="")] = None
+    picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
 
     def following(self) -> tuple[str, ...]:

@@ -38,7 +38,7 @@ class Reproduce:
 
     quick: bool = False
     """Fly fewer flights of every table, and accept what these differ by."""
-    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...", help_behavior_hint="")] = ()
+    only: Annotated[tuple[str, ...], tyro.conf.arg(metavar="NAME...")] = ()
     """Reproduce these tables only, such as stress "dock with errors"; an unknown name prints all."""
     output: Annotated[Path, tyro.conf.arg(metavar="FOLDER")] = Path("runs/reproduce")
     """Folder of differences.md and of all that is flown."""

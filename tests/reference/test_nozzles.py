@@ -15,18 +15,19 @@ def listed(actuators: object, *duties: float) -> list[tuple[float, list[float]]]
     return [(float(begin), opened[0].tolist()) for begin, opened in parts]
 
 
+FROM_TWO = [
+    (0.0, [1.0, 1.0, 1.0, 1.0]),
+    (0.4, [0.0, 1.0, 1.0, 1.0]),
+    (0.6, [0.0, 0.0, 0.0, 1.0]),
+]
+
+
 @pytest.mark.parametrize(
     ("least", "expected"),
     [
         # Tenths of 2 s: 0.2 is 2 counts, 0.25 rounds up to 3, 0.34 down to 3, all of it stays open.
-        (
-            0,
-            [(0.0, [1.0, 1.0, 1.0, 1.0]), (0.4, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])],
-        ),
-        (
-            2,
-            [(0.0, [1.0, 1.0, 1.0, 1.0]), (0.4, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])],
-        ),
+        (0, FROM_TWO),
+        (2, FROM_TWO),
         # Of 3 counts at least: the first never opens.
         (3, [(0.0, [0.0, 1.0, 1.0, 1.0]), (0.6, [0.0, 0.0, 0.0, 1.0])]),
         (4, [(0.0, [0.0, 0.0, 0.0, 1.0])]),

@@ -15,6 +15,11 @@ def sources() -> list[tuple[str, Path]]:
     found = []
     for folder in FOLDERS:
         for file in sorted(folder.rglob("*.py")):
-            parts = file.relative_to(folder.parent).with_suffix("").parts
-            found.append((".".join(parts[:-1] if parts[-1] == "__init__" else parts), file))
+            found.append((module_name(file, folder.parent), file))
     return found
+
+
+def module_name(file: Path, root: Path) -> str:
+    """Name of the module of a file below a folder, as it is imported."""
+    parts = file.relative_to(root).with_suffix("").parts
+    return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)

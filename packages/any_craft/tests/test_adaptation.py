@@ -119,13 +119,17 @@ def test_gains_of_another_mass(gain: float) -> None:
     assert shut == [0.0] * 8
 
 
-def test_one_reading_by_hand() -> None:
-    """A craft that cannot spare a thruster: the scalar formulas of least squares with an instrument."""
-    columns = ((0.1, 0.0, 0.0), (0.0, 0.2, 0.3))
+def begun(*columns):
+    """Estimator of a craft that can spare no thruster, its arithmetic and its memory."""
     own = Adaptation(PERIOD, columns, 2, False, ())
     rows = TorchRows(torch.zeros(1, dtype=torch.float64))
+    return own, rows, rows.constant([[0.0] * own.width])
+
+
+def test_one_reading_by_hand() -> None:
+    """A craft that cannot spare a thruster: the scalar formulas of least squares with an instrument."""
+    own, rows, memory = begun((0.1, 0.0, 0.0), (0.0, 0.2, 0.3))
     # At rest for two readings; then the first command has given half of what the file says along x.
-    memory = rows.constant([[0.0] * own.width])
     for command in ([0.0, 0.0], [1.0, 0.0]):
         estimate = own.estimated(rows, rows.constant([[0.0, 0.0, 0.0]]), memory)
         memory = own.next_memory(rows, estimate.memory, rows.constant([command]))
@@ -139,10 +143,7 @@ def test_one_reading_by_hand() -> None:
 
 def test_a_craft_that_moves_at_the_start_has_its_own_mass() -> None:
     """A velocity before any command says nothing; then each command gives all of its effect."""
-    columns = ((0.02, 0.0, 0.0), (0.0, 0.02, 0.03))
-    own = Adaptation(PERIOD, columns, 2, False, ())
-    rows = TorchRows(torch.zeros(1, dtype=torch.float64))
-    memory = rows.constant([[0.0] * own.width])
+    own, rows, memory = begun((0.02, 0.0, 0.0), (0.0, 0.02, 0.03))
     for number in range(4):
         twist = [0.3 + 0.02 * number, 0.0, 0.0]
         estimate = own.estimated(rows, rows.constant([twist]), memory)

@@ -59,14 +59,21 @@ def test_an_honest_certificate_is_read():
     assert claim.problem["steps"] == 40
 
 
+def instead(*limits: str) -> list[tuple[str, str]]:
+    """Changes of the problem to these limits."""
+    return [(LIMITS["avoid"], limit) for limit in limits]
+
+
 READ = [
-    (LIMITS["avoid"], ""),  # there is an end
-    (LIMITS["avoid"], LIMITS["within"]),
-    (LIMITS["avoid"], LIMITS["keep_out"]),
-    (LIMITS["avoid"], LIMITS["keep_out"].replace("keep_out", "stay_in")),
-    (LIMITS["avoid"], LIMITS["speed_limit"]),
-    (LIMITS["avoid"], '[keep]\nevery = ["x0 + 2", "1 - x1"]\n'),
-    (LIMITS["avoid"], '[keep]\nsome = ["x0 + 2"]\n'),
+    *instead(
+        "",  # there is an end
+        LIMITS["within"],
+        LIMITS["keep_out"],
+        LIMITS["keep_out"].replace("keep_out", "stay_in"),
+        LIMITS["speed_limit"],
+        '[keep]\nevery = ["x0 + 2", "1 - x1"]\n',
+        '[keep]\nsome = ["x0 + 2"]\n',
+    ),
     ("steps = 40", "steps = 40\nbegins = 39"),
     ("steps = 40", 'steps = 40\ninputs = ["x1 - 3", "2", "x0 / 4 + x1"]'),
     ("[end]\n", "[end]\nearliest = 3\n"),
@@ -83,6 +90,13 @@ def test_prover_and_checker_read_the_same_problems(old, new):
     problem_table(text)
 
 
+FASTER = [
+    ("", ""),
+    ("9.0", "9.5"),
+    ("0.5", "0.25"),
+    ("[0, 1]", "[1, 0]"),
+    ("position = [0]", "position = [1]"),
+]
 OTHER = [
     ("steps = 40", "steps = 41"),
     ("period = 0.5", "period = 0.5000000001"),
@@ -91,14 +105,12 @@ OTHER = [
     ("upper = [1.0, 0.2]", "upper = [1.0, 0.1999999999]"),
     ("[end]\nlower = [-2.0", "[end]\nlower = [-2.5"),
     ("[keep.avoid]\nlower = [2.0", "[keep.avoid]\nlower = [2.5"),
-    (LIMITS["avoid"], LIMITS["within"]),
-    (LIMITS["avoid"], LIMITS["keep_out"]),
-    (LIMITS["avoid"], LIMITS["keep_out"].replace("0.5", "0.25")),
-    (LIMITS["avoid"], LIMITS["speed_limit"]),
-    (LIMITS["avoid"], LIMITS["speed_limit"].replace("9.0", "9.5")),
-    (LIMITS["avoid"], LIMITS["speed_limit"].replace("0.5", "0.25")),
-    (LIMITS["avoid"], LIMITS["speed_limit"].replace("[0, 1]", "[1, 0]")),
-    (LIMITS["avoid"], LIMITS["speed_limit"].replace("position = [0]", "position = [1]")),
+    *instead(
+        LIMITS["within"],
+        LIMITS["keep_out"],
+        LIMITS["keep_out"].replace("0.5", "0.25"),
+        *(LIMITS["speed_limit"].replace(*change) for change in FASTER),
+    ),
 ]
 
 

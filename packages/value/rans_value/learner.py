@@ -681,7 +681,7 @@ class GreedyController:
         problem = kind(*self._setup, position_tolerance)
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
-        self.name = f"value of {run.path.name}"
+        self.name = f"{'installed ' * (run.path.parent == SHIPPED)}value of {run.path.name}"
         self.greedy = self._designed = Greedy(problem, value)
         self._belief: Belief | None = None
         self._trade_off = trade_off
@@ -745,7 +745,7 @@ class Newest(GreedyController):
         _check_craft(craft)
         frame = GoalFrame(craft, task, timing)
         files = Path("runs").glob("**/config.json")
-        newest = sorted(files, key=lambda x: x.stat().st_mtime, reverse=True)
+        newest = sorted(files, key=lambda x: -x.stat().st_mtime)
         found: dict[bool, Path] = {}
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
@@ -755,12 +755,11 @@ class Newest(GreedyController):
                 is_value = read_json(file).get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()
-                fits = (
+                if (
                     run.spacecraft() == craft
                     and config.timing.control_period == timing.control_period
                     and GoalFrame(craft, config.settings, timing).serves(frame)
-                )
-                if fits:
+                ):
                     found.setdefault(config.conditions.or_none is not None, run.path)
         if found:
             held = task.held_trade_off
@@ -832,12 +831,15 @@ class Value(Algorithm):
         """Config with hyper-parameters known to work."""
         is_small = config.device.startswith("cpu")
         ppo = replace(config.ppo, **_POLICY | (_SMALL_POLICY if is_small else {}))
-        iterations = _ITERATIONS[is_small or type(config.settings) not in _POSES]
+        learner = config.learner | (_SMALL if is_small else {})
+        from_nothing = (
+            learner["units"] != ValueSettings.units or type(config.settings) not in _POSES
+        )
         return replace(
             config,
             ppo=ppo,
-            learner=config.learner | (_SMALL if is_small else {}),
-            total_timesteps=iterations * ppo.n_envs * ppo.n_steps,
+            learner=learner,
+            total_timesteps=_ITERATIONS[from_nothing] * ppo.n_envs * ppo.n_steps,
             report_interval=40,
             curriculum=(),
             solved_share=None,

@@ -25,6 +25,7 @@ from rans_value.varied import VariedProblem, drawn_parameters
 from torch import Tensor
 
 from rans import TASKS, ConfigError, Engine, GoToPosePriced, Timing
+from rans.api.training import config_of
 from rans.episode import Setup
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.episodes import fly_episodes
@@ -321,7 +322,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     heavier = replace(PLATFORM, mass=6.0)
     with pytest.raises(ConfigError, match="has a value function"):
         Newest(heavier, TASK, config.timing)
-    assert Newest(PLATFORM, TASK, config.timing).name == "value of floating-platform"
+    assert Newest(PLATFORM, TASK, config.timing).name == "installed value of floating-platform"
     run = RunFolder(tmp_path / "runs" / "run")
     run.begin(config, "test")
     trainer = Trainer(config, PLATFORM, run)
@@ -336,6 +337,8 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     torch.testing.assert_close(learnt.average(state), controller.greedy.value(state))
     assert set(flight.commands.flat) <= {0.0, 1.0}
     assert controller._trade_off == 0.3
+    assert controller.name == "value of run"
+    assert controller.expecting(LAB).name == "installed value of floating-platform-conditions"
     # The comparison that a training suggests is of several trade-offs, also where the agent has none.
     plain = replace(config, task="go-to-pose", settings=TASKS["go-to-pose"]())
     contest = contest_of("lqr:go-to-pose-2d", episodes=4)
@@ -381,3 +384,12 @@ def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly():
     ]
     steps = [config.total_timesteps / config.ppo.n_envs for config in begun]
     assert steps == [768, 2176, 2176]
+    # So do those of other layers than ship, unless a length is asked for.
+    wide = partial(config_of, "go-to-pose", "atmos", "cuda", algorithm="value")
+    asked = [
+        wide(changes={"units": units}, total_timesteps=total)
+        for units, total in ((512, None), (256, None), (256, 12288))
+    ]
+    assert [config.total_timesteps / 12288 for config in asked] == [768, 2176, 1]
+    for folder in SHIPPED.iterdir():
+        assert RunFolder(folder).config().learner["units"] == ValueSettings.units

@@ -386,10 +386,7 @@ class Rounding:
             commands, left, kept = self._opened(wrench, rest)
             self.owed = np.where(kept, left, 0.0)
             return commands
-        low, high = self._wheels.bounds(stores, len(wrench))
-        # Nothing balances the unloading of a wheel while thrusters rest.
-        low = np.where(rest[:, None], np.minimum(low, 0.0), low)
-        high = np.where(rest[:, None], np.maximum(high, 0.0), high)
+        low, high = self._wheels.bounds(stores, rest)
         torque = wrench[:, self._turns]
         wheel_torque = self._wheels.commands(torque, low, high) @ self._wheels.map
         remainder = wrench.copy()

@@ -237,10 +237,7 @@ class Switching(ExpectsDead, ModelBased):
         wheels = self._wheels
         if wheels is None:
             return lambda turn, _: (turn[..., :0], 0.0 * turn)
-        low, high = wheels.bounds(state.stores, len(rest))
-        # Nothing balances the unloading of a wheel while thrusters rest.
-        low = np.where(rest[:, None], np.minimum(low, 0.0), low)
-        high = np.where(rest[:, None], np.maximum(high, 0.0), high)
+        low, high = wheels.bounds(state.stores, rest)
         held = "attitude" in self._task.tolerances()
         # The angular acceleration that all effectors together should give, in B.
         spin_up = _to_curve(

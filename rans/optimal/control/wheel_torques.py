@@ -49,17 +49,19 @@ class WheelTorques:
         reach = 1.0 / np.abs(self._inverse).max(axis=1)
         return float((reach / np.linalg.norm(inertia, axis=0)).min())
 
-    def bounds(self, stores: Sequence[Any], count: int) -> tuple[np.ndarray, np.ndarray]:
+    def bounds(self, stores: Sequence[Any], rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest commands, (N, wheels) each, of craft with these stores (`rans.model.spacecraft.Store`).
 
-        A wheel beyond its limit has bounds of one sign.
+        A wheel beyond its limit has bounds of one sign, but for craft that ``rest``, (N,) bool: nothing balances
+        its unloading while thrusters are shut.
         """
         wheels = len(self.map)
         kept = stores[self._first : self._first + wheels]
-        momenta = np.stack([np.broadcast_to(np.asarray(h, float), count) for h in kept], axis=1)
+        momenta = np.stack([np.broadcast_to(np.asarray(h, float), len(rest)) for h in kept], axis=1)
         low = np.clip((-self._momentum - momenta) / self._change, -1.0, 1.0)
         high = np.clip((self._momentum - momenta) / self._change, -1.0, 1.0)
-        return low, high
+        most = np.where(rest, 0.0, np.inf)[:, None]
+        return np.minimum(low, most), np.maximum(high, -most)
 
     def commands(self, torque: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
         """Commands (..., wheels) for torques on the craft in B, (..., 1 or 3), N m, within bounds (..., wheels)."""

@@ -112,7 +112,7 @@ def test_other_wheels_make_up_for_a_full_one():
     craft = replace(CUBESAT, wheels=tuple(Wheel(axis, 0.01, 0.02, 4e-5) for axis in axes))
     wheels = WheelTorques(craft, PERIOD)
     full = (0.02, 0.0, 0.0, 0.0)
-    low, high = wheels.bounds(tuple(np.array([h]) for h in full), 1)
+    low, high = wheels.bounds(tuple(np.array([h]) for h in full), np.zeros(1))
     assert high[0, 0] == 0.0  # no thruster turns this craft, so nothing unloads it
     torque = np.array([[-0.002, 0.001, 0.001]])  # the pseudoinverse asks the first for more
     assert (torque @ np.linalg.pinv(wheels.map))[0, 0] > 0.0
