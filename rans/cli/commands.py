@@ -5,17 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, ClassVar, Protocol
 
-from tyro.conf import arg
-
 from rans.errors import ConfigError
 from rans.registry import Registry
-
-_HINT = arg(
-    help_behavior_hint=lambda value: (
-        "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"
-    )
-)
-"""Help names a default only where it says more than the text."""
 
 
 class Command(Protocol):
@@ -50,8 +41,10 @@ def _checked(command: Any) -> type[Command]:
     lacking = [name for name in needed if not hasattr(command, name)]
     if lacking or not isinstance(command, type):
         raise ConfigError(f"the class of a command must have {', '.join(needed)}, got {command!r}.")
+    from rans.cli.options import HINT  # libraries of the terminal are loaded with a command
+
     own = command.__annotations__
-    own |= {x.name: Annotated[own[x.name], _HINT] for x in fields(command) if x.name in own}
+    own |= {x.name: Annotated[own[x.name], HINT] for x in fields(command) if x.name in own}
     return command
 
 

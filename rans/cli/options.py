@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from typing import Annotated, Any, get_origin
 
-from tyro.conf import Suppress
+from tyro.conf import Suppress, arg
 
 from rans.display import meanings
 from rans.executors import FORMS
@@ -20,6 +20,12 @@ Trust = Suppress[Annotated[bool, _Everywhere()]]
 """Type of the field that is true with --trust."""
 ExecutorText = Suppress[Annotated[str, _Everywhere()]]
 """Type of the field with the text of --executor, of a command that hands it to another program."""
+HINT = arg(
+    help_behavior_hint=lambda value: (
+        "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"
+    )
+)
+"""Help names a default only where it says more than the text."""
 EVERYWHERE = {
     "--trust": "Allow code: open and run what files name, which are the module of a task (MODULE:NAME), the "
     "agent.py of a flight, and pickles of sb3:. Only if you know their authors.",

@@ -12,11 +12,8 @@ FOLDERS = [ROOT / "rans", *sorted((ROOT / "packages").glob("*/rans_*"))]
 
 def sources() -> list[tuple[str, Path]]:
     """Every module that users install: name and file."""
-    found = []
-    for folder in FOLDERS:
-        for file in sorted(folder.rglob("*.py")):
-            found.append((module_name(file, folder.parent), file))
-    return found
+    files = [(file, folder.parent) for folder in FOLDERS for file in sorted(folder.rglob("*.py"))]
+    return [(module_name(*each), each[0]) for each in files]
 
 
 def module_name(file: Path, root: Path) -> str:
