@@ -38,6 +38,7 @@ def test_both_engines(capsys, run_folder):
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, here, ran):
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
     monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 2)
@@ -199,6 +200,7 @@ def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text, command
     assert found.endswith(f"{command} --guard")
 
 
+@pytest.mark.usefixtures("here", "undrawn")
 @pytest.mark.parametrize(
     "options",
     [
@@ -208,6 +210,6 @@ def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text, command
     ],
     ids=lambda options: options[0],
 )
-def test_what_judges_a_flight_says_why_flights_are_lost(options, run_folder, here, ran):
+def test_what_judges_a_flight_says_why_flights_are_lost(options, run_folder, ran):
     said = ran(options[0], str(run_folder), *options[1:])
     assert f"Next: rans view {run_folder}" in said

@@ -30,15 +30,15 @@ CUT = {"inspect-3d": 150}
 """Periods after which flights are cut off, whose every period costs 40 ms; others fly to their end."""
 
 
-def flown(name: str) -> Flight:
-    """A shipped agent's flights from the recorded starts; a multi-task's episodes draw their tasks.
+def flown(name: str, periods: int | None = None) -> Flight:
+    """A shipped agent's flights from the recorded starts, in all their periods or in the first ones.
 
-    All fly in a perfect world, also those that are made for another.
+    A multi-task's episodes draw their tasks. All fly in a perfect world, also those that are made for another.
     """
     loaded = contestant(f"pretrained:{name}{VALUES.get(name, '')}")
     craft = loaded.craft
     timing = loaded.timing
-    timing = replace(timing, episode_steps=CUT.get(name, timing.episode_steps))
+    timing = replace(timing, episode_steps=periods or CUT.get(name, timing.episode_steps))
     judged = loaded.task.for_evaluation()
     return fly(craft, judged, loaded.controller, scenarios(judged, craft, SEED, EPISODES), timing)
 

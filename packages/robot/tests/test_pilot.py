@@ -140,7 +140,7 @@ def flight(
 
 @pytest.mark.parametrize(
     "robot",
-    ["ros", "px4", *(pytest.param(name, marks=pytest.mark.slow) for name in ("roboran", "pingu"))],
+    ["ros", *(pytest.param(one, marks=pytest.mark.slow) for one in ("px4", "roboran", "pingu"))],
 )
 def test_no_failing_disk_leaves_a_valve_open(robot, quick, tmp_path, monkeypatch):
     """20 flights with disks that are full from some write on, at one write, or hang there."""

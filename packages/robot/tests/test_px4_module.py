@@ -159,12 +159,14 @@ def test_golden_pairs_through_messages(folder, motors):
 
 def test_it_flies_the_twin(motors):
     """By its estimates in PX4's frames; it stays at its goal."""
-    craft = Craft(TwinPlan(load_spacecraft("floating-platform"), 0.2, start=(2.0, -1.0, 120.0)))
+    craft = Craft(
+        TwinPlan(load_spacecraft("floating-platform"), 0.2, start=(2.0, -1.0, 120.0), rate=25.0)
+    )
     goal = motion({"position": (0.0, 0.0), "attitude": 0.0, "velocity": (0.0, 0.0), "spin": 0.0})
     for k in range(150):
         measured = craft.measured()
         craft.hold(np.nan_to_num(motors(0.2 * k, 0.2 * k, measured, goal))[:8])
-        for _ in range(20):
+        for _ in range(5):
             craft.advance()
     assert np.linalg.norm(craft.motion.position) < 0.1
     assert abs(craft.motion.attitude[3]) < 0.05

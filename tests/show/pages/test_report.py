@@ -59,7 +59,7 @@ class Read(HTMLParser):
 
 
 @pytest.fixture
-def run(tmp_path) -> Path:
+def run(tmp_path, undrawn) -> Path:
     """A run folder that holds everything."""
     flight = two_episodes()
     for name in ("evaluation.svg", "episode.svg"):
@@ -133,7 +133,8 @@ def test_a_report_is_of_a_run():
         rans.report([])  # type: ignore[arg-type]
 
 
-def test_report_loads_nothing_from_elsewhere(run):
+def test_report_loads_nothing_from_elsewhere(run, monkeypatch):
+    monkeypatch.undo()  # its figures are drawn
     html = report_from_run(run).html()
     page = Read(html)
     assert page.links

@@ -146,7 +146,7 @@ def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_writ
     said = capsys.readouterr().err
     assert ("attitude (error" if column in ("heading", "spin") else "position (error") in said
     assert not (tmp_path / "identified").exists()
-    if column == "heading":  # nor has Python numbers of it
+    if column == "x and y":  # nor has Python numbers of it
         with pytest.raises(ConfigError, match="do not explain"):
             rans.identify(file, PLATFORM)
 
