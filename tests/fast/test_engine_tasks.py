@@ -80,7 +80,7 @@ def test_a_state_without_commands_is_refused_where_they_are_needed(backend):
 def test_episode_k_is_the_same_however_many_fly(backend, craft):
     """Environment i of N flies episodes i, i + N, i + 2 N, ... as `scenario` gives them, each with its task."""
     flags = set()
-    for count in (1, 3, 7):
+    for count in (1, 6):
         engine = backend(craft, MIXED, count, SHORT, seed=11, dtype=torch.float64)
         number = np.arange(count)
         begun = np.full(count, True)

@@ -21,6 +21,7 @@ from tests.support.contests import CONTEST, IDLE
 from tests.support.evaluation_flights import flight_of
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_a_task_may_bound_one_event_alone(monkeypatch, capsys):
     def add(comparison, **_: object) -> None:
         comparison.certified += [Bound(1, None, 2.2), Bound(1, 0.7, 1.0), Bound(2, None, 1.0)]

@@ -57,7 +57,7 @@ def test_flies_as_in_a_batch(number, name):
 def test_arrives_and_flies_again():
     """The loop of docs/python.md; the second episode is flown as by a pilot who never flew before."""
     env = gymnasium.make("rans/GoToPose2D-v0")
-    pilot = Pilot("switching", env)
+    pilot = Pilot("lqr", env)
     flown = []
     for _ in range(2):
         observation, info = env.reset(seed=3)

@@ -71,7 +71,7 @@ def test_no_flight_that_programs_find_is_cheaper_than_the_bound():
     assert found < 1.4 * bounds
 
 
-@pytest.mark.parametrize("is_uneven", [False, True])
+@pytest.mark.parametrize("is_uneven", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_stay_with_a_point_costs_no_more_than_programs_find(is_uneven):
     """A deputy that drifts away and burns every 100 s stays in a prism inside the zone and sees one point.
 

@@ -23,7 +23,7 @@ def random_actions(size: int, steps: int) -> torch.Tensor:
 
 @pytest.mark.parametrize("plain", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_team_has_seen_what_any_of_its_deputies_has(plain):
-    """Three teams of three beside nine craft alone, for 40 periods without an end, from the same starts."""
+    """Three teams of three beside nine craft alone, for 20 periods without an end, from the same starts."""
     far = {"fail_distance": 1e6, "keep_out": 11.0}
     team = Engine(DEPUTY, InspectTeam(**far, keep_apart=1e-3), 9, seed=4, plain=plain)
     alone = Engine(DEPUTY, Inspect(**far), 9, seed=4, plain=plain)
@@ -32,7 +32,7 @@ def test_a_team_has_seen_what_any_of_its_deputies_has(plain):
     for mine, theirs in zip(leaves(alone.state), leaves(team.state), strict=True):
         if not isinstance(mine, float):
             torch.as_tensor(mine)[:] = torch.as_tensor(theirs)
-    for action in random_actions(9, 40):
+    for action in random_actions(9, 20):
         assert not team.step(action).terminated.any()
         assert not alone.step(action).terminated.any()
     words = torch.stack([torch.as_tensor(word) for word in team.goal.notes.words]).int()
