@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import codecs
 import contextlib
 import errno
 import glob
@@ -467,9 +466,9 @@ def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
     content = read_bytes(file, most, what)
     if content.startswith((b"\x1f\x8b", b"\xfd7zXZ", b"BZh")):  # gzip, xz and bzip2
         raise ConfigError(f"{what}{file} is compressed: unpack it first.")
-    if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    if b"\0" in content:
         raise ConfigError(
-            f"{what}{file} is a text in UTF-16, and only UTF-8 is read: save it in that encoding."
+            f"{what}{file} has zero bytes, as a text in UTF-16, and only UTF-8 is read: save it in that encoding."
         )
     try:
         text = content.decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark

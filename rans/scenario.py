@@ -33,6 +33,10 @@ ASSURANCE_SEED = 2026
 CHOICE_SEED = 2032
 """Seed of the flights that choose a value of an agent for any craft (`rans.evaluation.fly.choice`)."""
 
+LARGEST = 1e9
+"""Largest number of a start, goal or zone of a user's own, m, rad and s: the Moon is at 4e8 m, and the squares of
+larger numbers near the end of single precision."""
+
 
 @dataclass(frozen=True)
 class Scenario:
@@ -149,6 +153,10 @@ def _placed(what: str, value: object, sampled: State) -> State:
         )
     count = np.shape(leaves(sampled)[0])
     motion = replace(value, notes=None, stores=())
+    if not (np.abs(leaves(motion)) <= LARGEST).all():
+        raise ConfigError(
+            f"the {what} must be of finite numbers of at most {LARGEST:g} (m, rad, s), got {brief(value)}."
+        )
     repeated = map_leaves(lambda x: np.full(count, float(x)), motion)
     return replace(repeated, notes=sampled.notes, stores=sampled.stores)
 
@@ -176,9 +184,14 @@ def _among(zones: Sequence[Sequence[float]], goal: State) -> State:
             numbers = [float(x) for x in row]
         except (TypeError, ValueError):  # one zone that stands in no list, or words
             numbers = []
-        if len(numbers) != dimension + 1 or not np.isfinite(numbers).all() or numbers[-1] <= 0.0:
+        if (
+            len(numbers) != dimension + 1
+            or not (np.abs(numbers) <= LARGEST).all()
+            or numbers[-1] <= 0.0
+        ):
             raise ConfigError(
-                f"each of the zones is {dimension} coordinates and a radius above 0, m, got {brief(row)}."
+                f"each of the zones is {dimension} coordinates and a radius above 0, m, of at most {LARGEST:g}, "
+                f"got {brief(row)}."
             )
         *centre, radius = (np.full(count, x) for x in numbers)
         vector = type(goal.p)

@@ -40,6 +40,8 @@ _LONGEST = 20_000
 """Largest number of characters of a cell or sentence."""
 
 
+_NARROWEST = 20
+"""Columns that every output has."""
 _FRAME = 3
 """Number of characters between two columns of a table."""
 
@@ -51,12 +53,12 @@ class Terminal(Console):
 
     Args:
         stderr: whether to print to standard error.
-        room: least width of the output in columns if it is not a terminal.
+        room: least width of the output in columns if it is no terminal, or one without columns, as a serial line.
     """
 
-    def __init__(self, stderr: bool = False, room: int = 0) -> None:
+    def __init__(self, stderr: bool = False, room: int = _NARROWEST) -> None:
         super().__init__(stderr=stderr, markup=False, highlight=False, emoji=False)
-        if not self.is_terminal:
+        if not self.is_terminal or self.width < _NARROWEST:
             self.width = max(self.width, room)
 
     def on_broken_pipe(self) -> NoReturn:
@@ -87,7 +89,7 @@ class Terminal(Console):
 
     def table(self, table: Table) -> None:
         """Print a table; if its columns do not fit, every row is a block of lines."""
-        self.print(rendered(table))
+        self.print(rendered(table), crop=False)
 
     def render_str(self, text: str, **options: Any) -> Text:
         """Text without control characters; all texts of tables and sentences pass through this method."""

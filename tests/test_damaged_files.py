@@ -79,12 +79,8 @@ def test_texts(tmp_path):
     check([world], lambda: rans.load_conditions(world))
 
 
-def test_a_byte_order_mark_is_read_over_and_another_encoding_named(tmp_path):
+def test_a_byte_order_mark_is_read_over(tmp_path):
     """As editors of Windows write files."""
-    text = 'base = "lab"\n'
     file = tmp_path / "world.toml"
-    file.write_bytes(b"\xef\xbb\xbf" + text.encode())
+    file.write_bytes(b'\xef\xbb\xbfbase = "lab"\n')
     assert rans.load_conditions(file) == rans.load_conditions("lab")
-    file.write_bytes(text.encode("utf-16"))
-    with pytest.raises(rans.ConfigError, match="a text in UTF-16, and only UTF-8 is read"):
-        rans.load_conditions(file)

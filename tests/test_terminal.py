@@ -47,6 +47,9 @@ def test_a_file_has_room(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "40")
     assert Terminal(room=110).width == 110
     assert Terminal().width == 40
+    monkeypatch.setenv("COLUMNS", "0")  # of a serial line
+    Terminal().table(Table(("",), [("a name of more than twenty letters",)]))
+    assert "twenty letters" in capsys.readouterr().out
 
 
 WIDE = ("score", "go-to-pose-2d-robust", "mpc", "python:my_policy:act")

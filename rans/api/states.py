@@ -17,7 +17,7 @@ import numpy as np
 from rans.errors import ConfigError, brief, is_finite
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, unflatten
-from rans.scenario import Endpoints, Scenario, each
+from rans.scenario import LARGEST, Endpoints, Scenario, each
 
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
 _RATES = {2: ("v.x", "v.y", "w"), 3: ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")}
@@ -214,9 +214,11 @@ def _number(word: str, option: str, is_angle: bool) -> float:
         value = float(word.removesuffix(unit)) * _UNITS.get(unit, 1.0)
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
+    if not abs(value) <= LARGEST:
         units = ": lengths in m without a unit" + ", angles with deg or rad" * is_angle
-        raise ConfigError(f"{option} takes finite numbers{units}, got {brief(word)}.")
+        raise ConfigError(
+            f"{option} takes finite numbers of at most {LARGEST:g}{units}, got {brief(word)}."
+        )
     if unit and not is_angle:
         raise ConfigError(f"{option}: {brief(word)} is an angle where a length must be.")
     return value

@@ -27,7 +27,6 @@ _SHORTEST_PERIOD = 1e-4
 """s: least median time between commands or readings, a tenth of that of the fastest motion capture."""
 _LONGEST_PERIOD = 60.0
 """s: largest one; from windows of 5 to 40 s with one reading nothing is identified."""
-_UNITS_OF_TIME = {"milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9}
 _BOUNDS = {
     "position": (1e9, "m"),
     "attitude": (1e6, "rad"),
@@ -155,24 +154,25 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
     """Refuse (`ConfigError`) times (n,) that do not ascend, or that cannot be those of one flight in seconds."""
+    if len(times) < 2:
+        return
     with np.errstate(over="ignore", invalid="ignore"):  # of times of 1e308
         gaps = np.diff(times)
-        length = float(times[-1] - times[0]) if len(times) else 0.0
-    if not (np.isfinite(times).all() and (gaps > 0.0).all()):
-        raise ConfigError(f"{what}: the times of its {name} must be finite and ascend.")
-    if not len(gaps):
-        return
+        length = times[-1] - times[0]
+    if not (gaps > 0.0).all():
+        k = int(np.argmin(gaps > 0.0))
+        raise ConfigError(
+            f"{what}: the times of its {name} must be finite and ascend, and {times[k + 1]:.15g} s follows "
+            f"{times[k]:.15g} s; the usual causes are lines that stand twice or unsorted, and two flights."
+        )
     period = float(np.median(gaps))
     largest = int(np.argmax(gaps))
     if not _SHORTEST_PERIOD <= period <= _LONGEST_PERIOD:
-        unit = next(
-            (unit for unit, factor in _UNITS_OF_TIME.items() if period * factor <= _LONGEST_PERIOD),
-            "",
-        )
-        question = f"in {unit}" if unit and period > _LONGEST_PERIOD else "in other units than s"
+        unit = next((x for x, s in _SECONDS.items() if period * s <= _LONGEST_PERIOD), "s")
+        question = "other units than s" if unit == "s" else unit
         raise ConfigError(
             f"{what}: the times of its {name} have a period of {period:g} s, and one from {_SHORTEST_PERIOD:g} to "
-            f"{_LONGEST_PERIOD:g} s is read; are the times {question}?"
+            f"{_LONGEST_PERIOD:g} s is read; are the times in {question}?"
         )
     if not length <= _LONGEST_LOG:
         if gaps[largest] > 0.5 * length:
@@ -189,12 +189,9 @@ def _check_times(what: str, name: str, times: np.ndarray) -> None:
 def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
     """Refuse (`ConfigError`) readings (N, ...) beyond all measure, wrong quaternions, and logs without poses."""
     _check_bounds(what, parts)
-    times = parts["times"]
     position = parts["position"]
     attitude = parts["attitude"]
-    has_pose = ~np.isnan(position).any(axis=1)
-    has_pose &= ~np.isnan(attitude.reshape(len(times), -1)).any(axis=1)
-    if not has_pose.any():
+    if np.isnan(np.column_stack([position, attitude])).any(axis=1).all():
         lacks = [
             name
             for name, values in (("positions", position), ("attitudes", attitude))

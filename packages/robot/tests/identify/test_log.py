@@ -31,7 +31,8 @@ def still(time: Callable[[int], float], count: int = 60) -> list[str]:
 
 
 @pytest.mark.parametrize(
-    ("zeros", "sentence"), [(1, "without a time stamp"), (3, "must .* ascend")]
+    ("zeros", "sentence"),
+    [(1, "without a time stamp"), (3, "ascend, and 0 s follows 0 s; .* twice")],
 )
 def test_messages_before_the_clock_are_refused(zeros, sentence, tmp_path):
     """Those of a recorder with simulated time are stamped 0 until the first /clock."""
