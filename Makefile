@@ -23,6 +23,8 @@ WHEEL_BYTES := 9000000
 override PYTHON := $(shell command -v $(PYTHON) || echo $(PYTHON))
 export PATH := $(CURDIR)/.venv/bin:$(PATH)
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Where it is set every process of the tests compiles pytest's plugins anew, for a second.
+export PYTHONDONTWRITEBYTECODE :=
 
 
 .PHONY: help setup demo test test-slow test-all suite lint style types docs release clean

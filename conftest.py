@@ -12,6 +12,7 @@ from pathlib import Path
 import gymnasium
 import pytest
 from hypothesis import settings
+from hypothesis.internal.conjecture import providers
 
 from rans.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
@@ -22,9 +23,12 @@ from tests.support.crafts import FREE_CRAFT, nasty_planar, nasty_spatial
 # The same examples in every run, and no deadline: the machine may be busy.
 settings.register_profile("rans", derandomize=True, deadline=None, database=None)
 settings.load_profile("rans")
+# Nor do examples depend on which modules are loaded, whose numbers are read for a second.
+providers._get_local_constants = providers.Constants
 
 
-# Libraries keep a million objects, which a search for garbage looks through: seldom, and not these.
+# Libraries keep a million objects, which a search for garbage looks through: not while they are loaded, and seldom.
+gc.disable()
 gc.set_threshold(100_000, 20, 100)
 
 # What one process compiled, tests with what their assertions show too, the others and later runs read.
@@ -38,6 +42,7 @@ os.environ["XDG_CACHE_HOME"] = str(Path(__file__).parent / ".pytest_cache" / "us
 def pytest_collection_finish() -> None:
     """What was imported stays."""
     gc.freeze()
+    gc.enable()
 
 
 READERS = {"ccsds_ndm", "distributed", "fmpy", "mcap_ros2"}

@@ -40,8 +40,8 @@ def within(apart: Apart, force: float = 0.5) -> None:
         # Nozzles of 7.3 N once lost a state in 1 of 3 flights, and in this one.
         (("tank", "latency", "ramps"), 2, 0.1, 0, 2.0, 7.3),
         # Eleven steps a period, and three for nozzles that share thrust.
-        ((STIFF,), 3, 0.2, 1, 10.0, None),
-        ((STIFF,), 3, 0.2, 4, 15.0, None),
+        ((STIFF,), 3, 0.2, 1, 5.0, None),
+        ((STIFF,), 3, 0.2, 4, 8.0, None),
     ],
 )
 def test_effects_together_agree_with_scipy(effects, dimension, period, seed, seconds, force):

@@ -68,7 +68,7 @@ def test_a_craft_that_hardly_turns_flies_an_orbit_in_long_steps():
         craft, thrusters=tuple(replace(one, force=1e-4 * one.force) for one in craft.thrusters)
     )
     starts = scenarios(Orbit(), weak, seed=1, count=2)
-    timing = Timing(10.0, 1, 4)
+    timing = Timing(10.0, 1, 2)
     flown = []
     for max_step in (None, 0.1):
         flight = fly_in_drake(weak, Orbit(), Random(weak), starts, timing, max_step=max_step)

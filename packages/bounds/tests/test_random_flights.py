@@ -32,6 +32,6 @@ def test_a_bound_that_is_too_high_is_found_out(monkeypatch):
         "of",
         lambda *given: replace(found := of(hull.Reach, *given), most=float(found.thrust.max())),
     )
-    rows = [beaten(seed) for seed in range(39, 42)]
+    rows = [beaten(seed) for seed in (40, 41)]
     assert max(row["least impulse"] for row in rows if row) > 1.0 + ROUNDING
     assert max(row["least time"] for row in rows if row) <= 1.0 + ROUNDING

@@ -315,6 +315,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
         solved_share=None,
     )
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("rans_value.learner._BEGUN", 1)
     Path("runs/other").mkdir(parents=True)
     Path("runs/other/config.json").write_text("[]")
     Path("runs/no-json").mkdir()
