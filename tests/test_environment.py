@@ -1,7 +1,5 @@
 """Environments that are watched or filmed, through Gymnasium's own wrappers."""
 
-from __future__ import annotations
-
 import gymnasium
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """A page in the browser, read by a client of the standard library."""
 
-from __future__ import annotations
-
 import socket
 import urllib.error
 import urllib.request

@@ -1,7 +1,5 @@
 """Craft with an effector that RANS does not know: the torquer of ``examples/plugin``, which a battery feeds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from rans_example.in_drake import TorquerInDrake

@@ -16,14 +16,14 @@ from rans.evaluation.measure.aggregate import measure
     ("name", "seconds", "time", "impulse"),
     [
         # On/off thrusters that hold the pose by pulses, or fly as fast as they can along each way.
-        ("any-craft-2d#1@floating-platform", 9.0, 3.85, 2.192),
-        ("any-craft-2d#0@floating-platform", 9.0, 1.7, 7.2375),
-        ("any-craft-2d#0.4@floating-platform-shared", 9.0, 3.2, 3.65),
+        ("any-craft-2d#1@floating-platform", 6.0, 3.85, 2.1),
+        ("any-craft-2d#0@floating-platform", 6.0, 1.7, 6.4292),
+        ("any-craft-2d#0.4@floating-platform-shared", 6.0, 3.2, 3.2667),
         # Pulsed and throttled ones, wheels, and finer tolerances.
-        ("any-craft-2d#0.9@pingu", 9.0, 3.4, 8.437),
+        ("any-craft-2d#0.9@pingu", 6.0, 3.4, 8.2819),
         ("any-craft-2d#0.6,2cm@freeflyer2", 15.0, 8.2, 2.875),
         ("any-craft-3d#0@spheres", 9.0, 4.8, 1.893),
-        ("any-craft-3d#0.8@free-flyer", 9.0, 2.15, 7.5),
+        ("any-craft-3d#0.8@free-flyer", 6.0, 2.15, 6.7125),
         pytest.param("any-craft-3d#0.3@cubesat-6u", 60.0, 17.0, 2.622, marks=pytest.mark.slow),
     ],
 )

@@ -423,11 +423,7 @@ def test_the_size_is_the_sum_that_the_program_prints(
 def test_the_files_of_the_package_compile_and_fly_as_they_stand(tmp_path: Path) -> None:
     """C tools read them without Python: a small agent, whose samples are its tables and golden pairs."""
     folder = Path(str(resources.files("rans_c_code") / "data"))
-    built = tmp_path / "check"
-    sources = [str(folder / name) for name in ("agent.c", "agent_check.c")]
-    subprocess.run(["cc", *FLAGS, *sources, "-o", str(built), "-lm"], check=True)
-    done = subprocess.run([str(built)], check=False, capture_output=True, text=True)
-    assert (done.returncode, done.stdout[:19]) == (0, "2 of 2 golden pairs")
+    assert checked(["cc", *FLAGS], folder, tmp_path / "check")[:19] == "2 of 2 golden pairs"
 
 
 def test_a_sample_is_left_replaced_or_left_out() -> None:

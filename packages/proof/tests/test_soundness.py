@@ -29,9 +29,9 @@ def test_the_prover_is_sound_and_tight(part):
 
 
 def by_turns(name: str) -> list[Any]:
-    """Every fifth error by default, and all of them with the slow tests; motions take longer."""
+    """Every tenth error by default, and all of them with the slow tests; motions take longer."""
     return [
-        pytest.param(*error, marks=_SLOW if number % 5 or error[0] == "motions" else ())
+        pytest.param(*error, marks=_SLOW if number % 10 or error[0] == "motions" else ())
         for number, error in enumerate(ERRORS[name])
     ]
 

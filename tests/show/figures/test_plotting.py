@@ -1,7 +1,5 @@
 """Figures are drawn whatever backend of matplotlib the environment names."""
 
-from __future__ import annotations
-
 import pytest
 
 from tests.support.processes import printed

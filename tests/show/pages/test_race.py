@@ -1,7 +1,5 @@
 """What a page's replay is given, worked by hand."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

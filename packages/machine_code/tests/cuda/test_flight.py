@@ -73,18 +73,19 @@ def test_sides_and_zoom_in_three_products(tmp_path):
 
 
 @needs_compiler
-@pytest.mark.parametrize("settings", [{"head": "gated"}, {"activation": "silu"}], ids=str)
-def test_heads_and_activations_that_only_have_a_formula(settings, tmp_path):
-    network = policy(THROTTLED, **settings)
-    kernel, stepped = both(network, setup(THROTTLED), tmp_path, products="bf16x6")
-    agree(kernel, stepped, 1e-4)
-
-
-@needs_compiler
-def test_a_history_of_one_row_seen_from_the_side(tmp_path):
-    """Where the row's own order and the commands' order are both looked up."""
-    network = policy(PLATFORM, history=1, commands_only=True)
-    kernel, stepped = both(network, setup(PLATFORM), tmp_path, products="bf16x6")
+@pytest.mark.parametrize(
+    ("craft", "settings"),
+    [
+        (THROTTLED, {"head": "gated"}),
+        (THROTTLED, {"activation": "silu"}),
+        # Where the row's own order and the commands' order are both looked up.
+        (PLATFORM, {"history": 1, "commands_only": True}),
+    ],
+    ids=lambda x: getattr(x, "name", str(x)),
+)
+def test_what_few_networks_have(craft, settings, tmp_path):
+    """Heads and activations that only have a formula, and a history of one row seen from the side."""
+    kernel, stepped = both(policy(craft, **settings), setup(craft), tmp_path, products="bf16x6")
     agree(kernel, stepped, 1e-4)
 
 
