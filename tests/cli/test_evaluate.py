@@ -29,7 +29,7 @@ def test_both_engines(capsys, run_folder):
     """Drake's evaluation leaves what the first one wrote."""
     (run_folder / "evaluation-drake.json").write_text("damaged")
     for engine, stem in (("fast", "evaluation"), ("drake", "evaluation-drake")):
-        assert main(f"evaluate {run_folder} --episodes 6 --engine {engine}".split()) == 0
+        assert main(f"evaluate {run_folder} --episodes 3 --engine {engine}".split()) == 0
         text = capsys.readouterr().out.replace("\n", "")
         assert str(run_folder / f"{stem}.html") in text
         assert (run_folder / f"{stem}.html").is_file()
@@ -41,19 +41,19 @@ def test_both_engines(capsys, run_folder):
 @pytest.mark.usefixtures("undrawn")
 def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, here, ran):
     monkeypatch.setattr("rans.processes.processors", lambda: 1)
-    monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 2)
+    monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 1)
     flies = episodes._Flyer.fly
 
     def fly(self, seed, first, count):
-        if first == 4:
+        if first == 2:
             raise KeyboardInterrupt
         return flies(self, seed, first, count)
 
     monkeypatch.setattr(episodes._Flyer, "fly", fly)
-    text = ran("evaluate lqr:go-to-pose-2d --engine both --episodes 6", code=130)
-    assert "LQR: 4 episodes" in text
+    text = ran("evaluate lqr:go-to-pose-2d --engine both --episodes 3", code=130)
+    assert "LQR: 2 episodes" in text
     written = here / "runs/evaluations/lqr-go-to-pose-2d/evaluation.json"
-    assert json.loads(written.read_text())["conditions"]["episodes"] == 6
+    assert json.loads(written.read_text())["conditions"]["episodes"] == 3
 
 
 def test_flights_too_many_to_keep_are_refused(ran):

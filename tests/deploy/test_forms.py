@@ -229,7 +229,10 @@ def right() -> tuple[str, Any]:
     return json.dumps(golden(network, seen)), own_answers(network, list(seen))
 
 
-@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize(
+    "error",
+    [pytest.param(one, marks=[pytest.mark.slow] * (k % 2)) for k, one in enumerate(ERRORS)],
+)
 def test_planted_errors_are_found(error: str, tmp_path: Path) -> None:
     """By the comparison, and by the golden pairs that a robot engineer has."""
     network, _, _ = remembering()

@@ -74,7 +74,7 @@ def test_two_zones_are_passed_on_the_cheapest_sides_and_instants():
         return waypoints.least_impulse_through(craft.mass, np.array([4.0, 0.0]), [*way, *ends])
 
     cheapest = min(
-        minimize(spent, (7.0, 13.0), (sides,), "Nelder-Mead", options={"maxfev": 40}).fun
+        minimize(spent, (7.0, 13.0), (sides,), "Nelder-Mead", options={"maxfev": 20}).fun
         for sides in itertools.product((-1.0, 1.0), repeat=2)
     )
     bound = _least(one)

@@ -69,8 +69,8 @@ def test_drake_flies_it_alike(liquid, how):
     craft = replace(liquid.craft, wheels=liquid.wheels if is_falling else ())
     task = liquid.falling if is_falling else rans.GoToPose()
     timing = Timing(episode_steps=12, checks=2)
-    starts = scenarios(task, craft, 5, 3)
-    seeds = draws(5, 3) if how == "drawn" else None
+    starts = scenarios(task, craft, 5, 2)
+    seeds = draws(5, 2) if how == "drawn" else None
     given = {"conditions": UNEVEN if how == "drawn" else None, "draws": seeds}
     ours = fly(craft, task, scripted(craft), starts, timing, **given)
     drake = fly_in_drake(craft, task, scripted(craft), starts, timing, **given)
