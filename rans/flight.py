@@ -183,6 +183,8 @@ class Flight(NotebookRepr):
     """Whether a safety filter replaced the command, (T, N) bool; None: there was none."""
     stopped: int = 0
     """Number of times that the controller's solver found no solution; 0 without a solver."""
+    first: int = 0
+    """Number of its first episode among those of its seed, as ``--episode`` of `rans view` names it."""
 
     def __repr__(self) -> str:
         duration = len(self.commands) * self.timing.control_period

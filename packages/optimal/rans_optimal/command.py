@@ -5,7 +5,7 @@ from __future__ import annotations
 import inspect
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -94,7 +94,7 @@ class Optimal(Options):
     def run(self) -> int:
         """Print a table of the starts, and write trajectories, figures and bounds; 1 if a start was lost."""
         from rans_optimal.checks import check_craft, check_task
-        from rans_optimal.history import page_of
+        from rans_optimal.history import Replay
         from rans_optimal.objectives import objective_of
         from rans_optimal.optima import optima, optima_table, write
 
@@ -153,9 +153,9 @@ class Optimal(Options):
 
         # Before all that takes long and may be interrupted.
         write_all()
-        flights = [answer.flight for answer in answers if answer.flight is not None]
+        flights = [replace(x.flight, first=k) for k, x in enumerate(answers) if x.flight]
         if flights:
-            replay = page_of(flights[:_REPLAYED], f"{objective.name}: {self.task}")
+            replay = Replay(flights[:_REPLAYED], f"{objective.name}: {self.task}")
             replay.save(folder / "optimal.html")
         if self.certify:
             # Bounds are for the goal set, so only trajectories that end in it are comparable.

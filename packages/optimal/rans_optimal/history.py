@@ -28,11 +28,6 @@ from rans_optimal.optima import Optimum, episode
 from rans_optimal.transcription import Trajectory
 
 
-def page_of(flights: list[Flight], title: str) -> Replay:
-    """A page that replays flights."""
-    return Replay(flights, title)
-
-
 class ControlHistory(ABC):
     """Commands from one start, each held for a control period, with arrays, a figure, a table and flights."""
 
@@ -80,7 +75,7 @@ class ControlHistory(ABC):
             ConfigError: there are no commands.
         """
         flight = self.replay("drake")
-        return page_of([flight], f"{flight.controller}, {flight.craft.name}")
+        return Replay([flight], f"{flight.controller}, {flight.craft.name}")
 
     def to_csv(self, file: str | Path) -> Path:
         """Write the flight in Drake, see `rans.flight.Flight.to_csv`, and return the file."""

@@ -126,9 +126,10 @@ def fly_draws(
     if engine != "fast":
         from rans.reference.flight import fly_in_drake as fly_in_engine
 
-    return fly_in_engine(
+    flight = fly_in_engine(
         craft, task, controller, starts, timing, conditions=conditions, draws=own, guard=guard
     )
+    return replace(flight, first=int(own.first[0]))
 
 
 def _joined(flights: list[Flight]) -> Flight:

@@ -142,7 +142,7 @@ def path(figure: SubFigure, flight: Flight, episode: int, zones: Zones) -> None:
         axes.plot(*([0.0] for _ in path), "+", color=RED, markersize=10, label="goal")
     axes.set_aspect("equal", adjustable="datalim")
     axes.legend(loc="best")
-    label(axes, f"(a) path of episode {episode}", *_places(flight))
+    label(axes, f"(a) path of episode {flight.first + episode}", *_places(flight))
 
 
 def _scenery(axes: Any, flight: Flight, episode: int, zones: Zones) -> None:

@@ -142,6 +142,8 @@ def _headline(comparison: Comparison) -> dict[str, Any]:
         tiles.append(_tile(key, own[key], rival, board.get(rival, {}).get(key)))
         if key == time:
             tiles += _over_bounds(comparison)
+    for tile in tiles:
+        tile["note"] = f"{first.name}\n{tile['note']}"
     alone = ", ".join(f"{tile['label']} {tile['value']}" for tile in tiles[:3])
     hero = " ".join(tables.verdict(comparison)) or f"{first.name}: {alone}."
     return {"hero": hero, "tiles": tiles}

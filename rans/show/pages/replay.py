@@ -29,7 +29,7 @@ def _section(group: Sequence[tuple[int, Flight]]) -> Section:
     times = [arrival_times(each) for _, each in group]
     starts = [
         (
-            f"episode {k}",
+            f"episode {flight.first + k}",
             [
                 Track(each.controller, each, k, float(own[k]), series_style(number)[0])
                 for (number, each), own in zip(group, times, strict=True)
@@ -37,13 +37,16 @@ def _section(group: Sequence[tuple[int, Flight]]) -> Section:
         )
         for k in range(flight.commands.shape[1])
     ]
-    return Section(flight.craft.name, race=race(flight.craft, starts, plays=True))
+    return Section(
+        f"{flight.craft.name} from {starts[0][0]}", race=race(flight.craft, starts, plays=True)
+    )
 
 
 def _beginnings(flight: Flight) -> tuple[Any, ...]:
     """What flights that are shown in one picture have in common."""
     fields = (*leaves(flight.states.p), *leaves(flight.goals.p))
-    first = (np.atleast_1d(np.asarray(x, dtype=float))[0] for x in fields)
-    numbers = tuple(tuple(np.round(x, 6).ravel().tolist()) for x in first)
+    # Zero has one sign as text.
+    numbers = str([(np.round(np.atleast_1d(x)[0], 6) + 0.0).tolist() for x in fields])
+    craft = flight.craft
     period = flight.timing.control_period
-    return flight.craft.name, flight.craft.dimension, period, flight.commands.shape[1:], numbers
+    return craft.name, craft.dimension, period, flight.commands.shape[1:], numbers

@@ -113,7 +113,9 @@ class Stress:
         """
         total = len(self.levels) * sum(map(self.episodes, self.contestants.values()))
         episodes = counted(self.contest.episodes, "episode")
-        progress = stages(f"{len(self.levels)} scenarios of {episodes}", total)
+        progress = stages(
+            f"{len(self.levels) * len(self.contestants)} scenarios of {episodes}", total
+        )
         contestants = list(self.contestants.values())
         # Level by level, so that the first results are of all contestants.
         jobs = [
