@@ -190,9 +190,10 @@ BRIEF = Timing(episode_steps=65)
 
 def test_the_weights_that_ship_hold_a_finer_tolerance():
     task = replace(NEAR, trade_off=(1.0, 1.0), position_tolerance=0.02)
-    controller = Newest(PLATFORM, task, BRIEF)
-    flight = fly(PLATFORM, task, controller, scenarios(task, PLATFORM, 0, 4), BRIEF)
-    assert task.reached(flight.states, flight.goals)[-25:].all()
+    starts = scenarios(replace(task, evaluation_distance=(0.1, 0.3)), PLATFORM, 0, 4)
+    timing = Timing(episode_steps=45)
+    flight = fly(PLATFORM, task, Newest(PLATFORM, task, timing), starts, timing)
+    assert task.reached(flight.states, flight.goals)[-20:].all()
 
 
 LAB = load_conditions("lab")

@@ -44,7 +44,7 @@ def test_unsteady_orbits_and_faulty_craft_that_are_pushed_fly_alike(dimension, k
     plant = Plant(built.craft, COUNT, 0.005, built.body, own)
     state = random_states(dimension, COUNT, 3, speed=0.1, spin=0.1)
     rows = rows_from_states(state)
-    commands = np.random.default_rng(2).integers(0, 2, (6, COUNT, len(built.craft.thrusters)))
+    commands = np.random.default_rng(2).integers(0, 2, (4, COUNT, len(built.craft.thrusters)))
     for k, command in enumerate(commands):
         now = drift.later(0.2 * k)
         state = states_at_checks(
