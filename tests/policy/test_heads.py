@@ -132,13 +132,15 @@ def gated(logit: float, level: float, log_std: float, count: int = 1) -> GatedGa
     return GatedGaussian(whole(logit), whole(level), torch.tensor([log_std], dtype=torch.float64))
 
 
+COUNT = 200_000
+EVEN = (torch.arange(COUNT, dtype=torch.float64)[:, None] + 0.5) / COUNT
+
+
 def test_a_gate_fires_as_often_as_its_probability_and_the_throttle_is_gaussian():
     """Of 200,000 even numbers: a share within 1e-5, and a Kolmogorov-Smirnov distance of the same order."""
-    count = 200_000
-    uniform = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
     probability = 0.3
-    policy = gated(math.log(probability / (1 - probability)), 0.6, math.log(0.1), count)
-    action = policy.sample(uniform)
+    policy = gated(math.log(probability / (1 - probability)), 0.6, math.log(0.1), COUNT)
+    action = policy.sample(EVEN)
     fires = action != 0
     assert abs(fires.double().mean() - probability) < 1e-5
     assert stats.kstest(action[fires].numpy(), stats.norm(0.6, 0.1).cdf).statistic < 1e-4
@@ -153,10 +155,8 @@ def test_the_probabilities_of_a_gated_throttle_sum_to_one():
 
 
 def test_the_entropy_of_a_gated_throttle_is_its_mean_surprise():
-    count = 200_000
-    uniform = (torch.arange(count, dtype=torch.float64)[:, None] + 0.5) / count
-    policy = gated(0.4, 0.6, math.log(0.3), count)
-    surprise = -policy.log_prob(policy.sample(uniform)).mean()
+    policy = gated(0.4, 0.6, math.log(0.3), COUNT)
+    surprise = -policy.log_prob(policy.sample(EVEN)).mean()
     assert abs(surprise - policy.entropy()[0]) < 1e-4
 
 
