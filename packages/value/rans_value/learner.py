@@ -184,11 +184,14 @@ class Greedy:
     Args:
         problem: the flights.
         value: their value function.
+        arriving: for flights that are not in the goal set yet. Holding it counts as much as their trade-off says:
+            fast ones are there as soon as can be, thrifty ones do not come in faster than is cheap to hold.
     """
 
-    def __init__(self, problem: PoseProblem, value: Any) -> None:
+    def __init__(self, problem: PoseProblem, value: Any, arriving: bool = False) -> None:
         self.problem = problem
         self.value = value
+        self._arriving = arriving
         device = value.mean.device
         count = problem.craft.thruster_count
         self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
@@ -204,9 +207,10 @@ class Greedy:
 
     def _outcome(self, state: Tensor, command: Tensor) -> Tensor:
         after, cost, discount = self.problem.step(state, command)
-        return torch.cat(
-            (torch.stack((cost + discount * self.value(after), cost, discount)), after)
-        )
+        value = self.value(after)
+        if self._arriving:
+            value = value * torch.where(self.problem.inside(after)[1], state[-1], 1.0)
+        return torch.cat((torch.stack((cost + discount * value, cost, discount)), after))
 
     def outcomes(self, state: Tensor, patterns: Tensor) -> Tensor:
         """What patterns (C, N, n) or (C, 1, n) do in a period from states (rows, N), (3 + rows, C, N).
@@ -683,6 +687,9 @@ class GreedyController:
         value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"{'installed ' * (run.path.parent == SHIPPED)}value of {run.path.name}"
         self.greedy = self._designed = Greedy(problem, value)
+        # In space some spins that arrive would not come to rest, and an end by success is an arrival anyway.
+        arrives = problem.dimension == 2 and not problem.frame.ends_well
+        self._outside = Greedy(problem, value, arrives)
         self._belief: Belief | None = None
         self._trade_off = trade_off
 
@@ -718,7 +725,11 @@ class GreedyController:
         number = like if belief is None else like.double()
         seen = problem.frame.relative(state, goal, number, self._trade_off)
         seen = problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
-        command = self.greedy.best(seen, 2)[0]
+        command = seen.new_zeros(seen.shape[1], problem.craft.thruster_count)
+        holds = problem.inside(seen)[1] | (belief is not None)
+        for greedy, chosen in ((self.greedy, holds), (self._outside, ~holds)):
+            if chosen.any():
+                command[chosen] = greedy.best(seen[:, chosen], 2)[0]
         if belief is not None:
             belief.sent(command)
         return command.numpy()

@@ -196,6 +196,22 @@ def test_the_weights_that_ship_hold_a_finer_tolerance():
     assert task.reached(flight.states, flight.goals)[-20:].all()
 
 
+def test_quick_flights_arrive_sooner_than_those_that_count_what_holding_costs():
+    task = replace(NEAR, trade_off=(0.0, 0.0))
+    controller = Newest(PLATFORM, task, BRIEF)
+    problem = controller.greedy.problem
+    arrivals = []
+    for _ in range(2):
+        flight = fly(PLATFORM, task, controller, scenarios(task, PLATFORM, 0, 32), BRIEF)
+        seen = problem.frame.relative(flight.states, flight.goals, torch.zeros(()))
+        is_in = problem.inside(seen)[1]
+        assert task.reached(flight.states, flight.goals)[-25:].all()
+        arrivals.append(is_in.double().argmax(dim=0).double().mean())
+        controller._outside = controller.greedy
+    # In periods, of some 12.
+    assert arrivals[0] < arrivals[1] - 0.1, arrivals
+
+
 LAB = load_conditions("lab")
 FAULTS = load_conditions("faults")
 FAILING = replace(FAULTS, faults=replace(FAULTS.faults, time=(2.0, 2.0)))
