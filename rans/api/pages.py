@@ -14,7 +14,7 @@ from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
 from rans.choices import EngineName
 from rans.errors import ConfigError, brief, one_of, require, text_of_name, whole
-from rans.files import write_text
+from rans.files import ready_folder, write_text
 from rans.model.dynamics import State
 from rans.pretrained import pretrained_folder, pretrained_names
 from rans.registry import Registry
@@ -165,7 +165,7 @@ def checked_kind(file: Path) -> Literal["page", "film", "picture"]:
     """Kind of a file of flights by the ending of its name, before anything flies.
 
     Raises:
-        ConfigError: the ending is of none, or the file cannot become a film.
+        ConfigError: the ending is of none, the file cannot become a film, or nothing can be written there.
     """
     endings: dict[str, Literal["page", "film", "picture"]] = {
         ".html": "page",
@@ -181,6 +181,7 @@ def checked_kind(file: Path) -> Literal["page", "film", "picture"]:
             "save writes a page (.html), a film (.mp4 or .gif) or a picture (.png, .svg or .pdf), by the ending of "
             f"the file's name, got {str(file)!r}."
         )
+    ready_folder(file.parent)
     if kind == "film":
         FILMS[file.suffix.lower()[1:]]((), file, check=True)
     return kind
@@ -341,6 +342,7 @@ def exported(
         label = name.output_folder.name
     default = Path("runs/exports") / label
     folder = default if output is None else Path(text_of_name("output", output, Path))
+    ready_folder(folder)
     if write_policy is not None:
         return folder, write_policy(name.text, folder, format, count)
     least = 0.0 if force else _LEAST

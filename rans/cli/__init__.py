@@ -66,7 +66,7 @@ def main(arguments: list[str] | None = None) -> int:
             return code
     # Mistakes of the user, then what is missing, interrupts and limits of the machine: a sentence each.
     except RansError as error:
-        return _end(f"rans: {error}", 2)
+        return _end(f"rans: {error}{where_raised(error)}", 2)
     except ModuleNotFoundError as error:
         module = (error.name or "").partition(".")[0]
         if module not in EXTRAS:

@@ -11,7 +11,7 @@ from rans.effectors.effector import Action, Begun, Effector, Growth, Push
 from rans.model.body import Body
 from rans.model.dynamics import RULES, Emptied, Piece, Wrench
 from rans.model.fields import Field, Vec2, Vec3, at_least, fraction_of, map_leaves, sqrt
-from rans.model.spacecraft import CommandRange, Propellant, Store
+from rans.model.spacecraft import Propellant, Store
 
 _MOST_BURNED = 0.01
 """Largest share of its mass that a craft may burn in one part of a period: 5 s are then within 4e-8 m and 7e-9 rad
@@ -178,11 +178,6 @@ class PropellantTank(Effector):
     """Largest loss of mass of the nearly empty craft with all thrusters open, a share of its mass per second."""
     arm: tuple[float, ...] | None = None
     """From the designed centre of mass with a full tank to the tank, axes of G, m; None: it has no place."""
-
-    @property
-    def commands(self) -> tuple[CommandRange, ...]:
-        """No commands."""
-        return ()
 
     @property
     def stores(self) -> tuple[Store, ...]:

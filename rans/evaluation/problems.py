@@ -21,7 +21,7 @@ class Problem:
     """What is known about the optimum of a kind of task (`rans.tasks.base.Task.optimal_problem`)."""
 
     bounded: Callable[[Contest], bool]
-    """Whether the starts of a contest have bounds."""
+    """Whether the starts of a contest have bounds; an error (`ConfigError`) says why they have none."""
     bounds: Reference
     """Adds the bounds of first starts to a comparison whose contest is `bounded`: of what a mission spends
     (`Comparison.mission`), or of some of `Comparison.events` (`Comparison.certified`)."""
@@ -56,6 +56,10 @@ PROBLEMS: Registry[Problem] = Registry(
 
 
 def bounding(contest: Contest) -> Problem | None:
-    """The problem that bounds the starts of a contest; None: no package has one."""
+    """The problem that bounds the starts of a contest; None: no package has one.
+
+    Raises:
+        ConfigError: the task's own bounds are none of this contest.
+    """
     problem = Problem.of(contest.task)
     return problem if problem is not None and problem.bounded(contest) else None

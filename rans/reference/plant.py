@@ -498,13 +498,16 @@ class Plant:
 
     def fastest_inside(self, stores: np.ndarray) -> float:
         """Fastest motion of masses in the craft with these stores (N, stores), rad/s; 0 without such."""
+        rates = (effector.fastest(own) for effector, own in self._with_own(stores))
+        return max(rates, default=0.0)
+
+    def _with_own(self, stores: np.ndarray) -> Iterator[tuple[Any, np.ndarray]]:
+        """Further effectors, each with its stores of all, (N, stores)."""
         first = self._first_of_further(stores)
-        rates = [0.0]
         for described, effector in zip(self.craft.mounted, self._further, strict=True):
             last = first + len(described.stores)
-            rates.append(effector.fastest(stores[:, first:last]))
+            yield effector, stores[:, first:last]
             first = last
-        return max(rates)
 
     def _rigid_inertia(self, k: int, left: float = 1.0) -> SpatialInertia:
         """Mass properties of one spacecraft without what moves in it; see `spatial_inertia`."""
@@ -598,12 +601,9 @@ class Plant:
         states = states[:, : self._width]
         q = np.zeros(self._plant.num_positions())
         v = np.zeros(self._plant.num_velocities())
-        first = self._first_of_further(stores)
-        for described, effector in zip(self.craft.mounted, self._further, strict=True):
-            last = first + len(described.stores)
+        for effector, own in self._with_own(stores):
             if isinstance(effector, DrakeMass):
-                effector.set(self._plant_context, q, v, stores[:, first:last])
-            first = last
+                effector.set(self._plant_context, q, v, own)
         spins = states[:, 5:] if self.craft.dimension == 2 else states[:, 10:]
         held = not (self._drift.steady or self.craft.turns or self._drift.gradient() is not None)
         self._held = np.full(self.count, held) & (np.abs(spins) < 1e-15).all(axis=1)

@@ -100,11 +100,11 @@ def test_a_model_for_another_craft(model):
 
 def test_a_failing_function_is_named_with_its_line():
     def fails(observation):
-        raise ValueError("no thrust today")
+        raise ConfigError("no thrust today.")
 
     with pytest.raises(
         ConfigError,
-        match=r"fails failed: ValueError: no thrust today \(test_judging\.py, line \d+, in fails\)",
+        match=r"fails failed: ConfigError: no thrust today \(test_judging\.py, line \d+, in fails\)",
     ):
         rans.load_agent(fails, "go-to-pose").evaluate(episodes=1)
 

@@ -67,6 +67,12 @@ def test_a_reward_that_is_no_dict_is_named(tmp_path, monkeypatch, refused):
     assert "Gate.reward must return a dict" in refused(f"list {module}:Gate")
 
 
+def test_its_own_refusal_has_its_line(tmp_path, monkeypatch, refused):
+    module = written("raise __import__('rans').ConfigError('shut')", tmp_path, monkeypatch)
+    said = refused(f"evaluate lqr:{module}:Gate --episodes 1")
+    assert f"shut ({module}.py, line {LINE}, in reward)" in said
+
+
 @pytest.mark.parametrize(
     ("function", "said"),
     [

@@ -81,11 +81,11 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward():
         return paid(task, planar(0.0, x, angle, (v, 0.0), spin))["arrived"]
 
     assert arrived(task, 0.0, 0.0, 0.0, 0.0) == 6.0
+    turned = (0.0, 0.0, 0.05, 0.0), (0.0, 0.0, 0.0, -0.3)
     for side in (
         (0.04, 0.0, 0.0, 0.0),
         (0.0, -0.1, 0.0, 0.0),
-        (0.0, 0.0, 0.05, 0.0),
-        (0.0, 0.0, 0.0, -0.3),
+        *turned,
     ):
         assert arrived(task, *side) == pytest.approx(3.0)
         assert arrived(task, *(2.0 * x for x in side)) == pytest.approx(6.0 / 257.0)  # 2^8 + 1
@@ -96,8 +96,7 @@ def test_only_those_who_have_arrived_in_all_four_get_that_reward():
     for side in (
         (0.02, 0.0, 0.0, 0.0),
         (0.0, -0.05, 0.0, 0.0),
-        (0.0, 0.0, 0.05, 0.0),
-        (0.0, 0.0, 0.0, -0.3),
+        *turned,
     ):
         assert arrived(spare, *side) == pytest.approx(3.0)
     fine = replace(

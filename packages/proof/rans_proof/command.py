@@ -25,6 +25,7 @@ from rans.extend import (
     is_installed,
     progress,
     read_bytes,
+    ready_folder,
     require,
     word,
 )
@@ -123,6 +124,7 @@ class Prove(Options):
         content = read_bytes(network, LARGEST)
         layers = network_of(content, network, problem.input_range())
         output = self.output or self.problem.with_suffix(".certificate.json")
+        ready_folder(output.parent)
         begun = time.monotonic()
         terminal = Terminal()
         with progress() as bars:

@@ -23,6 +23,7 @@ from rans.extend import (
     brief,
     load_spacecraft,
     positive,
+    ready_folder,
     settled_alone,
 )
 from rans_robot.interfaces import RobotName
@@ -148,6 +149,7 @@ def fly_on_robot(
     flight = Path(output or f"runs/flights/{label}-{moment}")
     if flight.exists():
         raise ConfigError(f"{flight} exists already: flights are never overwritten.")
+    ready_folder(flight)
     if seconds is not None:
         positive("--seconds", seconds)
     part = name.part

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from rans.display import NotebookRepr
-from rans.errors import ConfigError, RansError, counted
+from rans.errors import ConfigError, RansError, counted, where_raised
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.bounds import Amounts, Bound, Event, certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
@@ -256,7 +256,11 @@ class Comparison(NotebookRepr):
                     self.entries.append(_entry(self, simple, noted, workers))
         if "optimal" not in opponents:
             return
-        problem = bounding(self.contest)
+        try:
+            problem = bounding(self.contest)
+        except RansError as error:
+            self.notes.append(f"No bound is certified: {error}")
+            return
         if problem is None and self.contest.conditions is not None:
             self.notes.append(
                 "Optima and bounds hold for nominal conditions; under these conditions none is claimed."
@@ -301,7 +305,7 @@ class Comparison(NotebookRepr):
         try:
             yield
         except RansError as error:
-            self.failures.append(str(error))
+            self.failures.append(f"{error}{where_raised(error)}")
         except Exception as error:  # Solvers and users' code raise anything.
             self.failures.append(f"{what} failed: {type(error).__name__}: {first_line(error)}.")
 

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rans.episode import Guard, Setup
-from rans.errors import ConfigError, RansError, brief, where_raised
+from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS, Maker
 from rans.evaluation.fly.tuned import arguments, tuned
-from rans.evaluation.fly.user_policy import answered
-from rans.files import first_line
+from rans.evaluation.fly.user_policy import answered, named
 from rans.flight import Controller, informed
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
@@ -81,17 +80,10 @@ class CheckedController:
         self._who = f"the controller {brief(name)}" + (
             f" of the package {package}" if package else ""
         )
-        try:
+        with named(f"{self._who} cannot be made"):
             self._made: Any = maker(*setup[:3])
             self.name, self.slow = self._made.name, getattr(self._made, "slow", False)
             self.observes = getattr(self._made, "observes", True)
-        except RansError:
-            raise
-        except Exception as error:  # somebody else's code raises anything
-            raise ConfigError(
-                f"{self._who} cannot be made: {type(error).__name__}: "
-                f"{first_line(error)}{where_raised(error)}."
-            ) from error
         _check_methods(self._who, self._made)
         if hasattr(self._made, "command"):  # a page computes it: `rans.show.pages.playground.Law`
             self.command = self._command
@@ -101,15 +93,10 @@ class CheckedController:
 
         Without the range checks of `act`, since fields have no values.
         """
-        try:
+        with named(
+            f"`command` of {self._who} is no arithmetic on fields, as functions of tasks are (docs/own_task.md)"
+        ):
             return tuple(self._made.command(state, goal))
-        except RansError:
-            raise
-        except Exception as error:
-            raise ConfigError(
-                f"`command` of {self._who} is no arithmetic on fields, as functions of tasks are "
-                f"(docs/own_task.md): {type(error).__name__}: {first_line(error)}{where_raised(error)}."
-            ) from error
 
     @property
     def failures(self) -> int:
@@ -118,7 +105,8 @@ class CheckedController:
 
     def reset(self, count: int) -> None:
         """See `rans.flight.Controller`."""
-        self._made.reset(count)
+        with named(f"{self._who} failed"):
+            self._made.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
         """See `rans.flight.Controller` and `answered`."""

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -88,20 +89,25 @@ class UserPolicy:
         return answered(self.name, ask, self._craft, len(observation)), after
 
 
+@contextmanager
+def named(begin: str) -> Iterator[None]:
+    """Context of somebody else's code: what it raises, also a `ConfigError`, becomes one that begins so."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:
+        raise ConfigError(
+            f"{begin}: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
+        ) from error
+
+
 def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
     """Commands (N, commands) of a user's code for N observations.
 
     Raises:
         ConfigError: the code fails, or its commands are not those of the craft's actuators.
     """
-    try:
+    with named(f"{who} failed"):
         commands = np.asarray(ask(), dtype=np.float64)
-    except ConfigError:
-        raise
-    except (Exception, SystemExit) as error:  # somebody else's code raises anything
-        raise ConfigError(
-            f"{who} failed: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
-        ) from error
     shape = count, craft.command_count
     if commands.shape != shape:
         raise ConfigError(

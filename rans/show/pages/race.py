@@ -62,7 +62,9 @@ def race(
         nowhere also velocities (m/s). Numbers have three decimals.
     """
     results = [_start(label, tracks, craft) for label, tracks in starts]
-    strips = "Strips have a row a thruster, filled while it is open."
+    strips = (
+        "Strips have a row a thruster, filled while it is open; thruster-seconds are their sum."
+    )
     turns = "Drag to turn the view." if craft.dimension == 3 else ""
     said = " ".join(filter(None, (caption, strips, turns)))
     return Race(outline_values(craft, 3) | {"starts": results, "plays": plays}, said)

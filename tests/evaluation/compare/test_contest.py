@@ -46,10 +46,14 @@ def test_goal_set_is_that_of_the_certificate():
     assert 0.1 < ours.mean() < 0.9
 
 
+PATH = [1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]
+"""Distances, m: in the goal set after three periods, out, and back after six."""
+
+
 def test_scores_worked_out():
     """At the goal at 1.5 s, out again, back at 3 s to stay. Two thrusters of 1 N open in periods 1 to 3,
     one in period 5, of half a second each."""
-    distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
+    distance = np.array([PATH]).T
     commands = np.zeros((7, 1, 8))
     commands[0:3, 0, 0:2] = commands[4, 0, 5] = 1.0
     entry = entry_of(flight_of(distance, 0.0, commands))
@@ -62,23 +66,22 @@ def test_scores_worked_out():
 
 def test_who_begins_moving_cannot_wait():
     """The same path of a craft that moves from the beginning counts at the very instants only."""
-    distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
+    distance = np.array([PATH]).T
     moving = entry_of(flight_of(distance, 0.0, speed=(0.03, 0.0)))
     assert [moving.thrust_by(t)[0] for t in (1.5, 2.0, 3.0)] == [0.0, math.inf, 0.0]
 
 
 def test_who_was_in_the_goal_set_once_need_not_stay():
     """In the set at 1.5 s, out at 2 s, back from 3 s to the end; the second flight is out at the end."""
-    first = [1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]
     second = [1.0, 0.5, 0.2, 0.04, 0.04, 0.04, 0.04, 0.06]
-    entry = entry_of(flight_of(np.transpose([first, second]), 0.0))
+    entry = entry_of(flight_of(np.transpose([PATH, second]), 0.0))
     assert entry.arrival.tolist() == [1.5, 1.5]
     assert entry.staying.tolist() == [3.0, math.inf]
 
 
 def test_amounts_are_of_their_event():
     """Arrives at 1.5 s, settles at 3 s: arrival at rest is never measured by a bound of settling."""
-    distance = np.array([[1.0, 0.5, 0.2, 0.04, 0.06, 0.2, 0.04, 0.03]]).T
+    distance = np.array([PATH]).T
     entry = entry_of(flight_of(distance, 0.0))
     assert entry.amounts(Event()).values.tolist() == [1.5]
     assert entry.amounts(Event("settling")).values.tolist() == [3.0]

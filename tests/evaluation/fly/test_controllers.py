@@ -68,7 +68,7 @@ class Raising(Alternating):
 
 
 def impossible(craft: Spacecraft, task: Task, timing: Timing) -> Alternating:
-    raise KeyError("gain")
+    raise ConfigError("gain")
 
 
 def no_controller(craft: Spacecraft, task: Task, timing: Timing) -> Any:
@@ -109,7 +109,7 @@ def test_a_controller_of_any_module_flies_what_its_name_says():
             r"answers with commands that floating-platform does not take: .*0 \(shut\) or 1 \(open\).* got .*0\.25",
         ),
         ("Raising", "failed: ZeroDivisionError: by nothing"),
-        ("impossible", "cannot be made: KeyError: 'gain'"),
+        ("impossible", "cannot be made: ConfigError: gain .*, in impossible"),
         ("no_controller", "is no controller: it has no reset"),
         ("NUMBER", "cannot be used: a controller must be a class or function"),
     ],

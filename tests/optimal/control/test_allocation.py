@@ -167,11 +167,16 @@ def test_rest_opens_nothing_and_forgets():
     assert np.array_equal(pulses, [[0.0, 1.0], [0.0, 0.0]])
 
 
-def test_what_is_not_carried_is_forgotten_within_reach_only():
-    """Half a nozzle's thrust opens nothing; more than there is opens in its direction on average."""
-    craft = CRAFTS[0]
+def forgetful():
+    """A craft, and the rounding of its commands that carries nothing."""
     modulator = Rounding(CRAFTS[0], 0.2, np.zeros(3, bool))
     modulator.reset(1)
+    return CRAFTS[0], modulator
+
+
+def test_what_is_not_carried_is_forgotten_within_reach_only():
+    """Half a nozzle's thrust opens nothing; more than there is opens in its direction on average."""
+    craft, modulator = forgetful()
     small = 0.4 * np.array(craft.wrench_map)[2:3]
     assert not any(modulator.round(small).any() for _ in range(20))
     wanted = np.array([[30.0, 10.0, 0.0]])
@@ -183,9 +188,7 @@ def test_what_is_not_carried_is_forgotten_within_reach_only():
 def test_what_saturates_is_carried_whatever_else_is_not():
     """1.5 times what there is, in a direction that no pattern has: the impulse of all there is, to 2 pulses.
     Forgetting would repeat one pattern and be off by its error a hundred times."""
-    craft = CRAFTS[0]
-    modulator = Rounding(CRAFTS[0], 0.2, np.zeros(3, bool))
-    modulator.reset(1)
+    craft, modulator = forgetful()
     wanted = np.array([[1.0, 0.3, 0.0]])
     wanted *= 1.5 / Allocation(craft).load(wanted)[0]
     given_ = sum(modulator.round(wanted) @ np.array(craft.wrench_map) for _ in range(100))

@@ -12,7 +12,6 @@ from rans.extend import (
     Action,
     Begun,
     Body,
-    CommandRange,
     ConfigError,
     Drift,
     Effector,
@@ -129,11 +128,6 @@ class Slosh(Effector):
         """Position of the mass in G where the angle is zero, m."""
         x, y, z = (h + self.length * d for h, d in zip(self.hinge, self.direction, strict=True))
         return (x, y, z)
-
-    @property
-    def commands(self) -> tuple[CommandRange, ...]:
-        """No commands."""
-        return ()
 
     @property
     def moves_mass(self) -> bool:

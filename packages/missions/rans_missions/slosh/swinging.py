@@ -17,7 +17,6 @@ import numpy as np
 from rans.extend import (
     Begun,
     Body,
-    CommandRange,
     Drift,
     Effector,
     Field,
@@ -59,11 +58,6 @@ class Pendulum(Effector):
 
     slosh: Slosh
     craft: Spacecraft
-
-    @property
-    def commands(self) -> tuple[CommandRange, ...]:
-        """No commands."""
-        return ()
 
     @property
     def stores(self) -> tuple[Store, ...]:

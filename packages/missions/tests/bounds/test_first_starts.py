@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -53,18 +54,22 @@ def test_an_interrupted_comparison_has_the_bounds_that_were_known(monkeypatch):
     assert comparison.notes
 
 
-def test_other_contests_have_none():
+def test_other_contests_have_none_and_say_why():
     assert bounded(CONTEST)
     assert not bounded(Contest(CRAFT, TASK, TASK.timing, 5, 2, conditions=Conditions()))
-    burning = load_spacecraft("mars-lander-steered")
-    assert not bounded(Contest(burning, Avoid(), Avoid.timing, 5, 2))
+    burning = Contest(load_spacecraft("mars-lander-steered"), Avoid(), Avoid.timing, 5, 2)
     moving = Contest(load_spacecraft("free-flyer"), Avoid(), Avoid.timing, 5, 2)
     assert bounded(moving)
     start = moving.starts.start
     vars(moving)["starts"] = replace(moving.starts, start=replace(start, v=start.p))
-    assert not bounded(moving)
-    falling = type("Falling", (Avoid,), {"drift": UniformGravity((0.1, 0.0))})()
-    assert not bounded(Contest(load_spacecraft("floating-platform"), falling, Avoid.timing, 5, 2))
+    task = type("Falling", (Avoid,), {"drift": UniformGravity((0.1, 0.0))})()
+    falling = Contest(load_spacecraft("floating-platform"), task, Avoid.timing, 5, 2)
+    for contest, why in ((burning, "has propellant"), (moving, "rest"), (falling, "of Avoid")):
+        comparison = Comparison(contest)
+        comparison.fly({}, ["optimal"], certified=1, workers=1)
+        (note,) = comparison.notes
+        assert re.match(f"No bound is certified: .*{why}", note)
+        assert not comparison.failures
 
 
 @pytest.mark.parametrize("name", ["avoid-2d", "dock-port-2d"])

@@ -10,7 +10,7 @@ from rans_missions.bounds.first_starts import bounded, mission_bounds
 from rans_missions.bounds.mission_bounds import MissionBounds
 from rans_missions.tasks.land import Land
 
-from rans import BodyConditions, Conditions, FaultConditions, GoToPose
+from rans import BodyConditions, Conditions, ConfigError, FaultConditions, GoToPose
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import default_opponents
@@ -63,7 +63,7 @@ def test_landings_have_bounds_where_nothing_is_drawn():
     dead = Conditions(faults=FaultConditions(kinds=("dead",), thrusters=(0,)))
     assert bounded(replace(CONTEST, conditions=dead))
     assert not bounded(replace(CONTEST, conditions=replace(dead, body=BodyConditions(mass=1.1))))
-    shut = replace(CRAFT, propellant=None)
-    assert not bounded(replace(CONTEST, craft=shut))
+    with pytest.raises(ConfigError, match="no lander"):
+        bounded(replace(CONTEST, craft=replace(CRAFT, propellant=None)))
     assert default_opponents(TASK) == ("optimal",)
     assert "lqr" in default_opponents(GoToPose())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shlex
 from pathlib import Path
 
-from rans.extend import ConfigError, Options, Table, Terminal, command_of, doing, word
+from rans.extend import ConfigError, Options, Table, Terminal, command_of, doing, ready_folder, word
 from rans_robot.functions import identify
 
 
@@ -39,6 +39,7 @@ class Identify(Options):
         if not self.logs:
             raise ConfigError("name at least one log, a bag (.mcap) or a CSV file.")
         console = Terminal()
+        ready_folder(self.output)
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, namespace=self.namespace)
 
