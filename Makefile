@@ -16,7 +16,7 @@ else
 GOOD_OPTIONS := --total-timesteps 8e6
 endif
 
-# Largest wheel of rans that `make release` accepts: value functions have 4.6 MB of it, and most agents are in rans-agents.
+# Largest wheel of rans that `make release` accepts: value functions have 4.8 MB of it, and most agents are in rans-agents.
 WHEEL_BYTES := 9000000
 
 # Commands are written as a user types them, with .venv active; but .venv is made by the Python outside it.

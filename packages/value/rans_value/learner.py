@@ -147,21 +147,23 @@ class ValueNetwork(nn.Module):
         return problem.terms(state)[0] + scale * functional.softplus(raw)
 
     def resembles(self, other: ValueNetwork) -> bool:
-        """Whether it has the layers of the value function of another craft, and its inputs but for their phases."""
+        """Whether it has the layers of another value function, and its inputs but for phases and limits.
 
-        def sizes(network: ValueNetwork) -> tuple[int, int, int]:
+        The other has the same inputs of limits and turning goals, or none.
+        """
+
+        def sizes(network: ValueNetwork) -> tuple[int, int]:
             units, inputs = network.first.weight.shape
-            problem = network.problem
-            return units, inputs - problem.phases, problem.dimension
+            return units, inputs - network.problem.phases - network.problem.limits
 
-        return sizes(self) == sizes(other)
+        return sizes(self) == sizes(other) and other.problem.limits in (0, self.problem.limits)
 
     @torch.no_grad()
     def begin_as(self, other: ValueNetwork) -> None:
-        """Take the weights of another craft's value function that it `resembles`.
+        """Take the weights of a value function that it `resembles`, of another craft or of flights without limits.
 
         Inputs are in units of a craft's authority, but phases are of its pulses: values are taken at spins and
-        headings that these can reach, and phases have no weight.
+        headings that these can reach. Phases, and limits that the other has not, have no weight.
         """
         weights = dict(other.state_dict())
         count = other.problem.phases
@@ -169,7 +171,8 @@ class ValueNetwork(nn.Module):
         parts = {}
         for name, filling in (("first.weight", 0.0), ("mean", 0.0), ("spread", 1.0)):
             before, parts[name], after = weights[name].tensor_split((-3 - count, -3), dim=-1)
-            own = before.new_full((*before.shape[:-1], self.problem.phases), filling)
+            new = len(self.mean) - before.shape[-1] - 3
+            own = before.new_full((*before.shape[:-1], new), filling)
             weights[name] = torch.cat((before, own, after), dim=-1)
         inputs = (reached - parts["mean"]) / parts["spread"]
         weights["first.bias"] = weights["first.bias"] + parts["first.weight"] @ inputs
@@ -194,7 +197,7 @@ class Greedy:
         self._arriving = arriving
         device = value.mean.device
         count = problem.craft.thruster_count
-        self._single = torch.cat((torch.zeros(1, count), torch.eye(count))).to(device)
+        self._single = torch.eye(count + 1)[:, 1:].to(device)
         self._patterns = problem.patterns.to(device)
         self._count = min(max(_TRIED, count**2 // 4), len(self._patterns))
         # On a GPU inputs are at addresses that stay, as launches would take longer than the computation.
@@ -410,14 +413,11 @@ class ValueLearner:
 
     def _alike(self) -> ValueNetwork | None:
         """Value function of the craft most alike of those that ship, or None where the layers differ."""
-        own = self.problem
         files = sorted(SHIPPED.glob("*/config.json"))
-        networks: list[ValueNetwork] = [
-            GreedyController(file.parent).greedy.value for file in files
-        ]
+        networks: Any = (GreedyController(file.parent).greedy.value for file in files)
         return min(
-            (x for x in networks if self.value.resembles(x)),
-            key=lambda x: abs(math.log(x.problem.scale / own.scale)),
+            filter(self.value.resembles, networks),
+            key=lambda x: (-x.problem.limits, abs(math.log(x.problem.scale / self.problem.scale))),
             default=None,
         )
 
@@ -434,13 +434,11 @@ class ValueLearner:
         other = (self._uniform(count, self.engine.craft.thruster_count) < 0.25).to(state.dtype)
         disturbed = self.greedy.outcomes(state, other[None])[3:, 0]
         state = torch.where(self._uniform(count) < 0.25, disturbed, state)
-        states, costs, discounts = [], [], []
+        periods = []
         for _ in range(_PERIODS):
-            states.append(state)
             outcome = self.greedy.best(state, 1)[1]
-            cost, discount, state = outcome[1], outcome[2], outcome[3:]
-            costs.append(cost)
-            discounts.append(discount)
+            periods.append((state, *outcome[1:3]))
+            state = outcome[3:]
         # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
         turn, hand = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand))
         seen = equivalent(state.repeat(1, len(self._turn)), turn, hand)
@@ -449,11 +447,12 @@ class ValueLearner:
         most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
         goes_on = (target < most) & ~self.problem.frame.is_over(state)
         self._ends = torch.where(goes_on, state, fresh)
-        targets = []
-        for cost, discount in zip(reversed(costs), reversed(discounts), strict=True):
+        states, targets = [], []
+        for before, cost, discount in reversed(periods):
             target = cost + discount * target
+            states.append(before)
             targets.append(target)
-        return torch.cat(states, dim=1), torch.cat(targets[::-1])
+        return torch.cat(states, dim=1), torch.cat(targets)
 
     def _round(self) -> Tensor:
         """A round of flights, and gradient steps on those of the last rounds; returns the mean loss."""
@@ -645,7 +644,7 @@ class _BetweenSpins:
 
 
 class GreedyController:
-    """Commands by the value function of a run, searched two periods ahead; a `rans.Controller`.
+    """Commands by the value function of a run, searched two periods ahead, with limits three; a `rans.Controller`.
 
     >>> rans.evaluate(GreedyController("runs/mine"))  # doctest: +SKIP
 
@@ -655,7 +654,8 @@ class GreedyController:
         position_tolerance: tolerance, m, at most that of the training; None: that of the training.
 
     Raises:
-        ConfigError: it is no such folder, or the tolerance is not above 0 and at most that of the training.
+        ConfigError: it is no such folder, a trade-off is not from 0 to 1, or the tolerance not above 0 and at most
+            that of the training.
     """
 
     observes = False
@@ -663,7 +663,7 @@ class GreedyController:
     def __init__(
         self,
         folder: str | Path,
-        trade_off: float = TRADE_OFF,
+        trade_off: float | str = TRADE_OFF,
         position_tolerance: float | None = None,
     ) -> None:
         run = RunFolder(Path(folder))
@@ -672,6 +672,8 @@ class GreedyController:
             raise ConfigError(
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
+        priced: Any = TASKS["go-to-pose-priced"]()
+        self._trade_off: float = priced.parts()[str(trade_off)].held_trade_off
         settings: Any = config.settings
         most: float = settings.tolerances()["position"]
         if position_tolerance is not None and not 0.0 < position_tolerance <= most:
@@ -691,7 +693,6 @@ class GreedyController:
         arrives = problem.dimension == 2 and not problem.frame.ends_well
         self._outside = Greedy(problem, value, arrives)
         self._belief: Belief | None = None
-        self._trade_off = trade_off
 
     def expecting(self, conditions: Conditions | None) -> GreedyController:
         """The controller that estimates in flight what conditions may be, in the plane without limits or an end.
@@ -726,10 +727,14 @@ class GreedyController:
         seen = problem.frame.relative(state, goal, number, self._trade_off)
         seen = problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
         command = seen.new_zeros(seen.shape[1], problem.craft.thruster_count)
+        # Only flights that go on. Near limits a period more: errors of the value lose flights there.
+        goes_on = ~problem.frame.is_over(seen)
+        periods = 3 if problem.limits else 2
         holds = problem.inside(seen)[1] | (belief is not None)
         for greedy, chosen in ((self.greedy, holds), (self._outside, ~holds)):
+            chosen = chosen & goes_on
             if chosen.any():
-                command[chosen] = greedy.best(seen[:, chosen], 2)[0]
+                command[chosen] = greedy.best(seen[:, chosen], periods)[0]
         if belief is not None:
             belief.sent(command)
         return command.numpy()
@@ -740,9 +745,10 @@ SHIPPED = Path(__file__).parent / "data"
 
 
 class Newest(GreedyController):
-    """Controller by the newest value function of a craft in the folder ``runs``, at the trade-off of the task.
+    """Controller by the newest value function of a craft in the folder ``runs``.
 
-    Where ``runs`` has none it is one of `SHIPPED`.
+    Where ``runs`` has none it is one of `SHIPPED`. It flies at the trade-off of the task, or at its own where goals
+    note none.
 
     It is the contestant ``value``, as in ``value:go-to-pose-priced-2d@mine.toml#0.5``.
 
@@ -752,7 +758,9 @@ class Newest(GreedyController):
 
     has_trade_off: ClassVar[bool] = True
 
-    def __init__(self, craft: Spacecraft, task: Any, timing: Timing) -> None:
+    def __init__(
+        self, craft: Spacecraft, task: Any, timing: Timing, trade_off: float | str = TRADE_OFF
+    ) -> None:
         _check_craft(craft)
         frame = GoalFrame(craft, task, timing)
         files = Path("runs").glob("**/config.json")
@@ -773,16 +781,17 @@ class Newest(GreedyController):
                 ):
                     found.setdefault(config.conditions.or_none is not None, run.path)
         if found:
-            held = task.held_trade_off
-            how = TRADE_OFF if held is None else held, frame.tolerances["position"]
+            how = trade_off, frame.tolerances["position"]
             super().__init__(found[min(found)], *how)
             self._varied = GreedyController(found[max(found)], *how)
+            if task.goal_notes is None:
+                for made in (self, self._varied):
+                    made.name += f"#{made._trade_off:g}"
             return
-        asked = "--quality best" if craft.dimension == 2 else "--set algorithm=value"
         raise ConfigError(
             f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s for what "
             f"{type(task).__name__} asks, or with a larger tolerance of the position: train one on a GPU, as with "
-            f"rans train go-to-pose {asked}."
+            "rans train go-to-pose --set algorithm=value."
         )
 
     def expecting(self, conditions: Conditions | None) -> GreedyController:
@@ -796,7 +805,7 @@ class Newest(GreedyController):
 
 
 _ITERATIONS = (96, 272)
-"""Iterations of a training that begins with values of a craft alike, and from nothing; what more of them gain:
+"""Iterations of a training that begins with values that ship, and from nothing; what more of them gain:
 docs/decisions/value_policy.md."""
 _POLICY: dict[str, Any] = {
     "n_envs": 12288,
@@ -825,17 +834,16 @@ class Value(Algorithm):
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
         """Config for flights to a pose in the plane on a GPU; without one the agent for any craft is better."""
         fits = craft.dimension == 2 and suits(craft) and type(config.settings) in _POSES
-        if not fits or config.device.startswith("cpu"):
-            return None
-        return cls.started(replace(config, algorithm="value", learner={}))
+        if fits and not config.device.startswith("cpu"):
+            return cls.started(replace(config, algorithm="value", learner={}))
+        return None
 
     @classmethod
     def contestants(cls, config: TrainConfig, craft: Spacecraft) -> list[str]:
-        """The value function, of flights to a pose at three trade-offs."""
-        is_pose = type(config.settings) in _POSES
-        task = "go-to-pose-priced" if is_pose else config.task
+        """The value function at three trade-offs."""
+        task = "go-to-pose-priced" if type(config.settings) in _POSES else config.task
         name = f"value:{task}-{craft.dimension}d@{config.spacecraft}"
-        return [f"{name}#{x}" for x in ("0", "0.5", "1")] if is_pose else [name]
+        return [f"{name}#{x}" for x in ("0", "0.5", "1")]
 
     @classmethod
     def started(cls, config: TrainConfig) -> TrainConfig:
@@ -843,9 +851,7 @@ class Value(Algorithm):
         is_small = config.device.startswith("cpu")
         ppo = replace(config.ppo, **_POLICY | (_SMALL_POLICY if is_small else {}))
         learner = config.learner | (_SMALL if is_small else {})
-        from_nothing = (
-            learner["units"] != ValueSettings.units or type(config.settings) not in _POSES
-        )
+        from_nothing = learner["units"] != ValueSettings.units
         return replace(
             config,
             ppo=ppo,

@@ -123,6 +123,9 @@ class PoseProblem:
         """Inputs of the value function, before the last three, that are sines and cosines between such spins."""
         self._kicks = kicks.float()
         self.rows = (7 if craft.dimension == 2 else 14) + self.frame.turns
+        limits = self.frame.margins(torch.zeros(self.rows))
+        self.limits = 4 * len(limits) + 2 * self.frame.turns
+        """Inputs of the value function, before the phases, of limits and of goals that turn."""
         self.numbers = 2 + 2 * craft.dimension + len(steps) + len(forces)
         """Random numbers of a state near the goal."""
         self._thrust = [thruster.force / self.force for thruster in craft.thrusters]
@@ -173,8 +176,6 @@ class PoseProblem:
 
     def seen(self, state: Tensor) -> Tensor:
         """States as costs and values are of them: within a finer tolerance places are larger by as much."""
-        if self._finer == 1.0:
-            return state
         place = state[: self.dimension]
         distance = torch.sqrt(place.square().sum(dim=0) + 1e-12)
         larger = 1.0 + (self._finer - 1.0) * (self._finest / distance).clamp(max=1.0)

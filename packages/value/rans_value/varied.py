@@ -37,10 +37,8 @@ class VariedProblem(PoseProblem):
     ) -> None:
         super().__init__(craft, task, timing, position_tolerance)
         self.design = drawn_parameters(Conditions(), craft, timing)[0][:, :1].float()
-        # Numbers, as a recorded function cannot fetch tensors from a processor.
-        units = (self.acceleration, self.acceleration, self.angular_acceleration)
-        designed = self.design[:-1, 0].tolist()
-        self._scales = [(x, units[i % 3]) for i, x in enumerate(designed)]
+        units = torch.tensor([self.acceleration, self.acceleration, self.angular_acceleration])
+        self._units = units.repeat(len(self.design) // 3)[:, None]
         self.rows += len(self.design)
 
     def with_parameters(self, state: Tensor) -> Tensor:
@@ -84,7 +82,7 @@ class VariedProblem(PoseProblem):
 
     def features(self, state: Tensor) -> Tensor:
         """Inputs of the value function, (..., features): what differs from the design, then those of the design."""
-        off = [(x - y) / unit for x, (y, unit) in zip(state[6:-2], self._scales, strict=True)]
+        off = [*((state[6:-2] - self.design[:-1]) / self._units)]
         facing = Heading(state[2])
         leak, push = (Vec2(*off[i : i + 2]) for i in (-6, -3))
         for vector in (facing.rotate(leak) + push, facing.inverse().rotate(push) + leak):
@@ -100,7 +98,7 @@ def drawn_parameters(conditions: Conditions, craft: Spacecraft, timing: Timing) 
     if drawn.lag is not None:
         # A thrust that rises linearly acts as one that begins in the middle.
         late = zero + drawn.lag.latency + 0.5 * (zero if drawn.lag.rise is None else drawn.lag.rise)
-    commands = [tuple(row) for row in np.eye(craft.thruster_count).tolist()]
+    commands = np.eye(craft.thruster_count + 1)[:, 1:].tolist()
     period = timing.control_period
 
     def accelerations(found: Wrench) -> np.ndarray:
@@ -114,8 +112,8 @@ def drawn_parameters(conditions: Conditions, craft: Spacecraft, timing: Timing) 
     for time in (0.0, math.inf):
         body = drawn.body_at(time)
         shut, *open_alone = (
-            accelerations(next(StepInputs(body, (command,)).pieces(craft, period))[1])
-            for command in ((0.0,) * len(commands), *commands)
+            accelerations(next(StepInputs(body, (tuple(command),)).pieces(craft, period))[1])
+            for command in commands
         )
         rows = (*(x - shut for x in open_alone), shut, pushed, late)
         result.append(torch.from_numpy(np.vstack(rows)))

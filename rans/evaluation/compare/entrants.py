@@ -26,12 +26,12 @@ from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.controllers import CONTROLLERS, MODULES, Maker, default_opponents
+from rans.evaluation.fly.controllers import MODULES, Maker, default_opponents
 from rans.evaluation.fly.episodes import EngineName
 from rans.evaluation.fly.exported import is_exported
 from rans.evaluation.fly.make_controller import CheckedController, controller
 from rans.evaluation.fly.object_policy import ObjectPolicy
-from rans.evaluation.fly.trade_off import without_trade_off
+from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.fly.user_policy import UserPolicy
 from rans.fast.learn.run_folder import RunFolder
@@ -142,15 +142,15 @@ def _single(text: str, without_training: str, run: LoadedRun) -> LoadedRun:
         raise ConfigError(f"{name} has a trade-off: fix it, as in {name}#0.5.")
     if first := next(iter(run.task.parts())):
         raise ConfigError(f"{text} has several tasks: pick one, as in {text}#{first}.")
-    plain = without_trade_off(run)
-    if (
-        plain is not run
-        and without_training
-        and not getattr(CONTROLLERS[without_training], "has_trade_off", False)
-    ):
-        setup = Setup(plain.craft, plain.task, plain.timing)
-        return plain._replace(controller=controller(without_training, setup))
-    return plain
+    trade_off = run.task.held_trade_off
+    if trade_off is None:
+        return run
+    # The task without one, for agents that do not observe it.
+    plain = run.task.plain()
+    flown: Controller = FixedTradeOff(run.controller, trade_off)
+    if without_training:
+        flown = controller(without_training, Setup(run.craft, plain, run.timing), trade_off)
+    return run._replace(controller=flown, task=plain)
 
 
 def enlisted(
@@ -257,8 +257,9 @@ def enlist(
     # An agent for any craft is given mass, inertia and thrusters of the craft that it flies.
     is_given_all = named.controller or named.is_for_a_craft
     sees = _MODEL if is_given_all else _OBSERVATION
-    name = run.controller.name
-    return Contestant(name, run.controller, sees, effort, registered=named.controller)
+    return Contestant(
+        run.controller.name, run.controller, sees, effort, registered=named.controller
+    )
 
 
 def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:

@@ -16,6 +16,7 @@ from rans.episode import Setup
 from rans.errors import ConfigError, RansWarning, brief
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.flight import Controller
@@ -85,7 +86,7 @@ def contestant(
 
 def _loaded(name: ContestantName, terms: Terms) -> LoadedRun:
     """Load a contestant by what is of its kind."""
-    if not (name.needs_setup and terms.setup is not None):
+    if terms.setup is None:
         name = name.without_earlier()
     return _LOADERS[name.kind](name, terms)
 
@@ -128,9 +129,16 @@ def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
     from rans.evaluation.fly.make_controller import controller
 
     setup = terms.setup
+    maker = typed(name.name)
+    trade_off = None
     if setup is None or not name.needs_setup:
-        setup = under_protocol(terms.protocol, _picked(_named_setup(name, terms.period), name))
-    return LoadedRun(controller(typed(name.name), setup), *setup[:4])
+        setup = _named_setup(name, terms.period)
+        if any(setup.task.parts()) or not getattr(CONTROLLERS[maker], "has_trade_off", False):
+            setup = _picked(setup, name)
+        else:
+            trade_off = name.part or None
+        setup = under_protocol(terms.protocol, setup)
+    return LoadedRun(controller(maker, setup, trade_off), *setup[:4])
 
 
 def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
@@ -234,13 +242,13 @@ def _named_setup(contestant_name: ContestantName, period: float | None) -> Setup
     control period is that of the task, or of the craft of a file (`rans.policy.timing`), if none is given.
     """
     name, _, spacecraft = contestant_name.setup.partition("@")
-    suffix = name[-2:] if name.endswith(("-2d", "-3d")) else ""
-    result = TASKS[typed(name.removesuffix(f"-{suffix}") if suffix else name)]()
-    usual = result.spacecraft or USUAL[int(suffix[0]) if suffix else 2]
+    suffix = name[-3:] if name.endswith(("-2d", "-3d")) else ""
+    result = TASKS[typed(name.removesuffix(suffix))]()
+    usual = result.spacecraft or USUAL[int(suffix[1]) if suffix else 2]
     craft = load_spacecraft(typed(spacecraft) or usual)
-    if suffix and craft.dimension != int(suffix[0]):
+    if suffix and craft.dimension != int(suffix[1]):
         raise ConfigError(
-            f"{brief(contestant_name.text)} asks for {suffix}, but {craft.name} moves in "
+            f"{brief(contestant_name.text)} asks for {suffix[1:]}, but {craft.name} moves in "
             f"{craft.dimension} dimensions."
         )
     from rans.evaluation.fly.choice import chosen_period

@@ -45,10 +45,11 @@ def _check_methods(who: str, instance: object) -> None:
         )
 
 
-def controller(name: str, setup: Setup) -> Controller:
+def controller(name: str, setup: Setup, trade_off: object = None) -> Controller:
     """Make a controller by name, with settings that were tuned for the setup, else with default settings.
 
-    A built-in one that can expect errors of sensors and thrusters expects the setup's conditions.
+    A built-in one that can expect errors of sensors and thrusters expects the setup's conditions. Only controllers
+    with ``has_trade_off`` take a trade-off.
 
     Raises:
         ConfigError: there is no such controller, or none for this spacecraft.
@@ -57,6 +58,8 @@ def controller(name: str, setup: Setup) -> Controller:
     result = tuned(name, setup)
     if result is not None:
         maker = partial(maker, **arguments(maker, result.settings))
+    if trade_off is not None and getattr(CONTROLLERS[name], "has_trade_off", False):
+        maker = partial(maker, trade_off=trade_off)
     if not CONTROLLERS.comes_with_rans(name):
         return CheckedController(name, setup, maker)
     return informed(maker(*setup[:3]), setup.conditions)

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-from rans.evaluation.fly.agent import LoadedRun
 from rans.flight import Controller, informed
 from rans.randomization.conditions import Conditions
 
@@ -31,11 +30,3 @@ class FixedTradeOff:
         """See `rans.flight.Controller`."""
         trade_off = np.full((len(observation), 1), self.trade_off, observation.dtype)
         return self._agent.act(state, goal, np.hstack((observation, trade_off)))
-
-
-def without_trade_off(run: LoadedRun) -> LoadedRun:
-    """An agent whose trade-off is fixed, for the task without one; others as they are."""
-    trade_off = run.task.held_trade_off
-    if trade_off is None:
-        return run
-    return run._replace(controller=FixedTradeOff(run.controller, trade_off), task=run.task.plain())
