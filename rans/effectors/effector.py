@@ -156,9 +156,9 @@ class Effector(ABC):
     """
 
     @property
+    @abstractmethod
     def commands(self) -> tuple[CommandRange, ...]:
-        """Commands of the effector in every control period, with their kinds and ranges; by default none."""
-        return ()
+        """Commands of the effector in every control period, with their kinds and ranges."""
 
     @property
     def stores(self) -> tuple[Store, ...]:

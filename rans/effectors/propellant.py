@@ -178,6 +178,7 @@ class PropellantTank(Effector):
     """Largest loss of mass of the nearly empty craft with all thrusters open, a share of its mass per second."""
     arm: tuple[float, ...] | None = None
     """From the designed centre of mass with a full tank to the tank, axes of G, m; None: it has no place."""
+    commands = ()
 
     @property
     def stores(self) -> tuple[Store, ...]:

@@ -129,6 +129,8 @@ class Slosh(Effector):
         x, y, z = (h + self.length * d for h, d in zip(self.hinge, self.direction, strict=True))
         return (x, y, z)
 
+    commands = ()
+
     @property
     def moves_mass(self) -> bool:
         """A mass moves."""

@@ -58,6 +58,7 @@ class Pendulum(Effector):
 
     slosh: Slosh
     craft: Spacecraft
+    commands = ()
 
     @property
     def stores(self) -> tuple[Store, ...]:
