@@ -795,11 +795,12 @@ class Newest(GreedyController):
         )
 
     def expecting(self, conditions: Conditions | None) -> GreedyController:
-        """As that of a folder: the newest whose training had conditions, where these are and have no faults.
+        """As that of a folder: the newest whose training had conditions, unless thrusters fail, and never partly.
 
-        Values fitted so do not hold stuck thrusters yet (docs/decisions/value.md).
+        Values of the design hold more of those that are dead or wholly open (docs/decisions/value.md).
         """
-        if conditions is None or conditions.has_faults:
+        is_whole = conditions and conditions.has_faults and "weak" not in conditions.faults.kinds
+        if conditions is None or is_whole:
             return super().expecting(conditions)
         return self._varied.expecting(conditions)
 
