@@ -60,7 +60,7 @@ class OnOff(NamedTuple):
 
     def log_prob(self, action: Tensor) -> Tensor:
         """Log-probability (N,) of an action (N, n) of zeros and ones."""
-        return -functional.softplus((1 - 2 * action) * self.logit).sum(dim=1)
+        return -functional.softplus(self.logit.addcmul(self.logit, action, value=-2.0)).sum(dim=1)
 
     def entropy(self) -> Tensor:
         """Entropy (N,) of the joint distribution, nats."""

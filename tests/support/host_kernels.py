@@ -7,7 +7,7 @@ import functools
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from ctypes import CDLL, c_int, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
@@ -54,11 +54,18 @@ class HostKernel(Kernel):
         if action not in self._libraries:
             path = self._folder / str(action).removeprefix("torch.")
             self._libraries[action] = compiled_on_host(self.source(action), path)
-        library = self._libraries[action]
-        index = c_uint.in_dll(library, "blockIdx")
-        arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
-        for index.value in range(numbers[0]):
-            (library.step if action else library.observe)(*arguments)
+        name = "step" if action else "observe"
+        run_on_host(self._libraries[action], name, numbers[0], pointers, numbers)
+
+
+def run_on_host(
+    library: CDLL, name: str, threads: int, pointers: Iterable[int], numbers: Iterable[int]
+) -> None:
+    """One thread of a kernel after the other."""
+    index = c_uint.in_dll(library, "blockIdx")
+    arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
+    for index.value in range(threads):
+        library[name](*arguments)
 
 
 def compiled_on_host(text: str, path: Path) -> CDLL:

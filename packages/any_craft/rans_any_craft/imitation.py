@@ -229,8 +229,7 @@ class _Lessons:
     def learn(self, generator: torch.Generator) -> None:
         """One gradient step on labels drawn by a generator."""
         torch.randint(self._count, self._rows.shape, generator=generator, out=self._rows)
-        with graph.as_written():
-            self._step()
+        self._step()
 
     def _descend(self) -> Tensor:
         """Gradient step on the labels whose numbers are in `_rows`; returns the norm of the gradient, ().

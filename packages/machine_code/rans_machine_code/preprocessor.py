@@ -48,7 +48,7 @@ class CpuPreprocessor(RowsPreprocessor):
     ) -> tuple[Tensor, Tensor] | None:
         """Log-odds (N, thrusters) and values (N,), or None; see `ColumnExecutor`. Compiled once a network."""
         weight = tensors["value_net.weight"]
-        if torch.is_grad_enabled() or not _is_plain_forward(observation):
+        if torch.is_grad_enabled() or observation.requires_grad:
             return None
         # Weights are compiled in: new tensors need new code.
         if self._actor_critic is None or self._actor_critic[0] is not weight:
@@ -82,15 +82,10 @@ class CpuPreprocessor(RowsPreprocessor):
 
         Memory is made once for each length of the rows; the results are copies.
         """
-        if not _is_plain_forward(rows) or len(rows) > _MOST_ROWS or self._programs is None:
+        if rows.requires_grad or len(rows) > _MOST_ROWS or self._programs is None:
             return None
         if (memory := self._memory.get((number, len(rows)))) is None:
             self._memory[number, len(rows)] = memory = self._programs[number].memory(len(rows))
         memory.give(rows.numpy().T)
         *outputs, side = memory.run(0)
         return torch.from_numpy(np.stack(outputs)).T, torch.from_numpy(side.astype(np.int64))
-
-
-def _is_plain_forward(rows: Tensor) -> bool:
-    """Whether rows need neither gradients nor torch's compiler, which has no machine code."""
-    return not (torch.compiler.is_compiling() or rows.requires_grad)

@@ -314,7 +314,7 @@ class ValueLearner:
         self.settings = settings
         self.n_steps = settings.n_steps
         self.rollout = Rollout(engine, network, settings.n_steps)
-        self.adam = Adam(network, settings.learning_rate, plain=True)
+        self.adam = Adam(network, settings.learning_rate)
         self._own = own
         self._progress = 0.0
         device = engine.device
@@ -659,6 +659,7 @@ class GreedyController:
     """
 
     observes = False
+    slow = 32
 
     def __init__(
         self,

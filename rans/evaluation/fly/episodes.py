@@ -12,6 +12,7 @@ import numpy as np
 from rans.choices import EngineName
 from rans.episode import Setup
 from rans.executors import chosen_executor
+from rans.fast.threads import one_thread
 from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
@@ -43,7 +44,8 @@ def fly_episodes(
 
     Args:
         controller: controller, which can be pickled; an attribute ``slow`` says that it is slow for every episode,
-            and ``together`` that its commands belong to the numbers of episodes, which then fly in one process.
+            or how many a process flies at once, and ``together`` that its commands belong to the numbers of
+            episodes, which then fly in one process.
         setup: spacecraft, task with its starts, and timing.
         seed: seed of starts and goals, which are those of `rans.scenario.scenarios`.
         episodes: number of episodes.
@@ -60,7 +62,9 @@ def fly_episodes(
     # Parts of the episodes; flights are the same however they are divided.
     slow = getattr(controller, "slow", False)
     at_once = episodes if chosen_executor() is None else min(episodes, _FAST_SHARE)
-    episodes_in_part = _SLOW_SHARE if slow else _SHARE if engine == "drake" else at_once
+    episodes_in_part = slow or (_SHARE if engine == "drake" else at_once)
+    if slow is True:
+        episodes_in_part = _SLOW_SHARE
     if getattr(controller, "together", False):
         episodes_in_part = episodes
     end = first + episodes
@@ -99,7 +103,8 @@ class _Flyer(NamedTuple):
     def fly(self, seed: int, first: int, count: int) -> Flight:
         """Fly consecutive episodes of a seed."""
         own = draws(seed, count, first)
-        return fly_draws(self.controller, self.setup, own, self.engine, self.endpoints)
+        with one_thread():
+            return fly_draws(self.controller, self.setup, own, self.engine, self.endpoints)
 
 
 def fly_draws(

@@ -9,7 +9,6 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.fast.distributed import Processes
-from rans.fast.learn.graph import fused
 from rans.policy.network import Network
 
 _KEEP = 0.9
@@ -19,6 +18,8 @@ EPSILON = 1e-5
 those of torch."""
 _PIECE = 32
 """Alignment of the weights in the row, in numbers, for fast matrix products."""
+_STEPPED = 2048
+"""Numbers of a tensor that is stepped: a GPU gives each tensor to one multiprocessor."""
 
 
 class Adam:
@@ -29,10 +30,9 @@ class Adam:
     Args:
         network: network.
         rate: initial step size.
-        plain: whether to use single operations of torch, without compilation.
     """
 
-    def __init__(self, network: Network, rate: float, plain: bool = False) -> None:
+    def __init__(self, network: Network, rate: float) -> None:
         tensors = {name: network.tensors[name] for name in network.learnt}
         like = next(iter(tensors.values())).detach()
         self.rate = like.new_full((), rate)
@@ -52,8 +52,8 @@ class Adam:
         self.moments = views(self._first), views(self._second)
         self._leaves = [weight.detach().requires_grad_() for weight in views(self.row)]
         network.adopt(dict(zip(tensors, self._leaves, strict=True)))
-        self.steps = like.new_zeros(())
-        self._step = fused(_step, like.device, plain)
+        self._pieces = [x.split(_STEPPED) for x in (self.row, self._first, self._second)]
+        self.steps = torch.zeros((), device=like.device)
 
     @staticmethod
     def joined(tensors: Sequence[Tensor]) -> Tensor:
@@ -72,15 +72,27 @@ class Adam:
                     loss, self._leaves, allow_unused=True, materialize_grads=True
                 )
                 torch._foreach_copy_(self._gradients, gradients)  # type: ignore[attr-defined]  # private in torch
-            return self._step(
-                self.row,
-                world.average(self.gradient),
-                self._first,
-                self._second,
-                self.steps,
-                self.rate,
-                max_norm,
+            gradient = world.average(self.gradient)
+            norm = gradient.norm()
+            # As torch.nn.utils.clip_grad_norm_ does it.
+            gradient = gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)
+            row, first, second = self._pieces
+            torch._fused_adam_(  # type: ignore[attr-defined]  # private in torch
+                row,
+                gradient.split(_STEPPED),
+                first,
+                second,
+                [],
+                [self.steps.add_(1)] * len(row),
+                lr=self.rate.float() if self.row.is_cuda else self.rate,
+                beta1=_KEEP,
+                beta2=_KEEP_SQUARE,
+                weight_decay=0.0,
+                eps=EPSILON,
+                amsgrad=False,
+                maximize=False,
             )
+            return norm
 
     def state(self) -> dict[str, Tensor]:
         """State of the optimizer, for `load`."""
@@ -95,30 +107,3 @@ class Adam:
         """Continue from the result of `state`; older checkpoints have an axis before those of the weights."""
         for name, tensor in self.state().items():
             tensor.copy_(saved[name].view(tensor.shape))
-
-
-@torch.no_grad()
-def _step(
-    row: Tensor,
-    gradient: Tensor,
-    first: Tensor,
-    second: Tensor,
-    steps: Tensor,
-    rate: Tensor,
-    max_norm: float,
-) -> Tensor:
-    """One step of Adam on rows (weights,), in place; returns the unclipped norm ().
-
-    Moments and weights are those of torch's Adam to rounding (`tests/fast/learn/test_ppo.py`). On a GPU it is
-    recorded in a graph, hence all in place and nothing read on the host.
-    """
-    norm = gradient.norm()
-    # As torch.nn.utils.clip_grad_norm_ does it.
-    gradient = gradient * (max_norm / (norm + 1e-6)).clamp(max=1.0)
-    steps += 1
-    first.lerp_(gradient, 1 - _KEEP)
-    second.mul_(_KEEP_SQUARE).addcmul_(gradient, gradient, value=1 - _KEEP_SQUARE)
-    size = rate / (1 - _KEEP**steps)
-    root = (1 - _KEEP_SQUARE**steps).sqrt()
-    row -= size * first / (second.sqrt() / root + EPSILON)
-    return norm

@@ -335,8 +335,8 @@ class TrainConfig:
     device: str = "cpu"
     """Torch device."""
     compiled: bool | None = None
-    """Whether torch's compiler compiles the kernels of a GPU before training, or never; null: as soon as enough
-    steps are left to pay for the 5 to 27 s that it takes."""
+    """Whether torch's compiler compiles losses and their gradients by autograd on a GPU before training, or never;
+    null: as soon as enough steps are left to pay for the time that it takes."""
     algorithm: str = "ppo"
     """Learning algorithm: "ppo", or the name of one that an installed package offers (docs/learners.md)."""
     learner: dict[str, Any] = field(default_factory=dict)

@@ -72,15 +72,12 @@ class PPOLearner:
         self.n_steps = settings.n_steps
         self._minibatches = settings.n_envs * settings.n_steps // settings.batch_size
         self.rollout = Rollout(engine, network, settings.n_steps)
-        self.adam = Adam(network, settings.learning_rate, plain)
+        self.adam = Adam(network, settings.learning_rate)
         self._samples = None if plain else settings.batch_size // self.processes.size
         if device.type == "cuda":
             _ = self.backend  # before its graphs are recorded
         # At a constant address, because a CUDA graph reads it.
         self._ceiling = self.adam.rate.new_tensor(settings.schedule.max_learning_rate)
-        self._act = fused(act, device, plain)
-        self._remember = fused(remember, device, plain)
-        self._preprocess = fused(preprocessed, device, plain)
         self._losses = fused(losses, device, plain)
         self.collect = graphed(self._collect, device, plain)
         self.update = graphed(self._update, device, plain)
@@ -148,12 +145,13 @@ class PPOLearner:
         rollout.begin()
         observation = engine.observe()
         numbers = rollout.uniform(self._generator)
-        for uniform, slot in zip(numbers, rollout.steps, strict=True):
-            privileged = self._privileged()
-            acted = self._act(self.network, observation, rollout.memory, privileged, uniform)
-            step = engine.step(engine.commands(acted.command))
-            self._remember(observation, acted, privileged, step, slot, rollout)
-            observation = step.observation
+        with torch.autocast(engine.device.type, enabled=False):  # in which rounded weights are kept
+            for uniform, slot in zip(numbers, rollout.steps, strict=True):
+                privileged = self._privileged()
+                acted = act(self.network, observation, rollout.memory, privileged, uniform)
+                step = engine.step(engine.commands(acted.command))
+                remember(observation, acted, privileged, step, slot, rollout)
+                observation = step.observation
         return rollout.all.reward
 
     def _privileged(self) -> Tensor | None:
@@ -188,7 +186,7 @@ class PPOLearner:
         memory, privileged_columns = (
             None if x is None else x.flatten(0, 1) for x in (steps.memory, steps.privileged)
         )
-        columns, memory, action = self._preprocess(
+        columns, memory, action = preprocessed(
             self.network,
             steps.observation.flatten(0, 1),
             memory,
@@ -280,8 +278,8 @@ def preprocessed(
     observation: Tensor,
     memory: Tensor | None,
     action: Tensor,
-    backend: GradientBackend | None = None,
-    privileged: Tensor | None = None,
+    backend: GradientBackend | None,
+    privileged: Tensor | None,
 ) -> tuple[Tensor, Tensor | None, Tensor]:
     """Observations (N, width), memory and actions (N, commands) under the symmetry of the policy.
 

@@ -88,12 +88,10 @@ class Rollout:
         """Last observation of a truncated episode, and the memory of the network then. Episodes are at least
         as long as a rollout, so there is at most one per rollout."""
         self._processes = engine.processes
-        self.terms = new(len(engine.term_names))
-        """Mean over the environments of each reward term, summed over the steps."""
-        self.succeeded = new()
-        """Number of episodes that ended as a success."""
-        self.failed = new()
-        """Number of episodes that the task ended as a failure."""
+        self.terms = new(len(engine.term_names), count)
+        """Reward terms (terms, N), summed over the steps."""
+        self.succeeded, self.failed = new(count), new(count)
+        """Number of episodes of each environment that ended as a success, and that the task ended as a failure."""
         self._engine = engine
         self._elapsed = new()
 
@@ -118,8 +116,8 @@ class Rollout:
         # Every step adds 1 to the time of a running episode, and an end takes its length away.
         steps = self.all.reward.numel()
         lengths = self._elapsed + steps - self._engine.elapsed().sum()
-        counts = torch.stack([self.failed, self.all.ended.sum(), self.succeeded, lengths])
-        return torch.cat((counts, self.terms / len(self.steps)))
+        counts = self.failed.sum(), self.all.ended.sum(), self.succeeded.sum(), lengths
+        return torch.cat((torch.stack(counts), self.terms.mean(dim=1) / len(self.steps)))
 
 
 def remember(
@@ -154,14 +152,14 @@ def remember(
             buffer.copy_(value)
     # Last states of truncated episodes; memories begin anew in new ones.
     last = step.truncated[:, None]
-    cut.copy_(torch.where(last, step.final_observation, cut))
+    torch.where(last, step.final_observation, cut, out=cut)
     if memory is not None and cut_memory is not None and acted.memory is not None:
         cut_memory.copy_(torch.where(last, acted.memory, cut_memory))
         memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
     # Sums for the log.
-    rollout.terms.add_(step.terms.mean(dim=1))
-    rollout.succeeded.add_(step.success.sum())
-    rollout.failed.add_((step.terminated & ~step.reached).sum())
+    rollout.terms.add_(step.terms)
+    rollout.succeeded.add_(step.success)
+    rollout.failed.add_(step.terminated & ~step.reached)
 
 
 def gae(

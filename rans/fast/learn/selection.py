@@ -10,7 +10,7 @@ from torch import Tensor
 
 from rans.episode import Guard
 from rans.fast.engine import Engine
-from rans.fast.learn.graph import fused, graphed
+from rans.fast.learn.graph import graphed
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -58,7 +58,6 @@ class Selection:
             )
             for name, part in task.parts().items()
         }
-        self._act = fused(Network.deterministic_action, device, plain)
         self._flight = graphed(self._fly, device, plain)
 
     def judge(self) -> dict[str, float]:
@@ -102,7 +101,7 @@ class Selection:
             late = t >= steps - last
             if late:
                 total = total + torch.stack([mean(error) for error in engine.errors().values()])
-            command, memory = self._act(self._network, observation, memory)
+            command, memory = self._network.deterministic_action(observation, memory)
             duty = duty + mean(command) / steps
             step = engine.step(engine.commands(command))
             observation = step.observation

@@ -48,7 +48,7 @@ from rans.tasks.feasible import check_feasible
 SOLVED_IN_A_ROW = 2
 """Number of successive reports with a solved task at which training ends; a single one may be chance."""
 _COMPILING = 30.0
-"""Training time above which compiling saves time, s; it takes 5 to 27 s and doubles the speed."""
+"""Training time above which compiling saves time, s."""
 _CHECKPOINT_SECONDS = 5.0
 _ARCHITECTURE = (
     "layers",
@@ -300,7 +300,7 @@ class Trainer:
         The time left is estimated from the remaining steps, or, if training ends once solved, as the time taken
         so far.
         """
-        fixed = self.engine.plain or self.config.compiled is not None
+        fixed = self.engine.plain or self.config.compiled is not None or self.learner.description
         if self.engine.device.type != "cuda" or fixed:
             return False
         took = self.seconds - self._begun[1]

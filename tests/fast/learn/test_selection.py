@@ -79,21 +79,21 @@ def test_an_episode_that_follows_a_failure_remembers_nothing_of_it():
     network = scatter(tiny_learner(memory=MemorySettings(4)).network)
     selection = Selection(network, PLATFORM, LENIENT, SHORT, torch.device("cpu"))
     engine = selection._engines[""]
-    act = selection._act
+    act = network.deterministic_action
     move = engine.step
     remembered = []
     ended = []
 
-    def watched_act(network, observation, memory):
+    def watched_act(observation, memory):
         remembered.append(memory.any(dim=1))
-        return act(network, observation, memory)
+        return act(observation, memory)
 
     def watched_step(command):
         result = move(command)
         ended.append((result.terminated | result.truncated).clone())
         return result
 
-    selection._act = watched_act  # type: ignore[method-assign]
+    network.deterministic_action = watched_act  # type: ignore[method-assign]
     engine.step = watched_step  # type: ignore[method-assign]
     selection.judge()
     assert not remembered[0].any()

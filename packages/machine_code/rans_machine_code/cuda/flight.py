@@ -106,5 +106,4 @@ class FlightKernel:
     def _launch(self, pointers: list[int], numbers: tuple[int, ...]) -> None:
         with torch.cuda.device(self._device):
             blocks = torch.cuda.get_device_properties(self._device).multi_processor_count
-            stream = torch.cuda.current_stream().cuda_stream
-            self.function.launch(blocks, 32 * self.design.warps, stream, pointers, numbers)
+            self.function.launch(blocks, 32 * self.design.warps, pointers, numbers)

@@ -52,11 +52,10 @@ class Function:
         self,
         blocks: int,
         threads: int,
-        stream: int,
         pointers: Sequence[int],
         numbers: Sequence[int],
     ) -> None:
-        """Queue the kernel on a stream; its arguments are device addresses, then 32-bit numbers, in its order.
+        """Queue the kernel on torch's stream; arguments are device addresses, then 32-bit numbers, in its order.
 
         Queued work is not waited for, and no type is checked: a wrong order reads or writes foreign memory.
         """
@@ -74,7 +73,7 @@ class Function:
                 one,
                 one,
                 shared_bytes,
-                c_void_p(stream),
+                c_void_p(torch.cuda.current_stream().cuda_stream),
                 places,
                 None,
             )

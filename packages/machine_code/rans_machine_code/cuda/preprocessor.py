@@ -11,7 +11,6 @@ from torch import Tensor
 
 from rans.extend import Architecture, TorchPreprocessor
 from rans_machine_code.cuda.launch import Function
-from rans_machine_code.cuda.opaque import opaque
 from rans_machine_code.cuda.source import Lines, indented
 from rans_machine_code.policies import RowProgram, RowsPreprocessor
 
@@ -22,10 +21,7 @@ _REAL_TYPES = {torch.float32: "float", torch.float64: "double"}
 
 
 class CudaPreprocessor(RowsPreprocessor):
-    """Preprocessor on a CUDA device: a kernel for each program, compiled at its first use.
-
-    Torch's compiler takes seconds over views of a spacecraft and minutes over filters. So it treats each kernel as
-    one operation, which it does not compile (docs/decisions/kernels.md).
+    """Preprocessor on a CUDA device: a kernel for each program, which NVIDIA's runtime compiler makes.
 
     Args:
         architecture: of the network.
@@ -37,18 +33,19 @@ class CudaPreprocessor(RowsPreprocessor):
         super().__init__(architecture, plain)
         self._device = like.device
         self._real_type = _REAL_TYPES[like.dtype]
-        self._opaque = None if self._functions is None else opaque(self)
 
     def _run(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor] | None:
-        """See `RowsPreprocessor`.
-
-        An operation of torch's imports its compiler at the first call, so that only compiled functions have it.
-        """
-        if self._opaque is None or rows.requires_grad:
+        """See `RowsPreprocessor`."""
+        if self._functions is None or rows.requires_grad:
             return None
-        return (
-            self._opaque(number, rows) if torch.compiler.is_compiling() else self.rows(number, rows)
+        architecture = self._architecture
+        widths = architecture.read_count, architecture.preprocessed_width, architecture.filtering
+        outputs = rows.new_empty(len(rows), widths[number])
+        sides = rows.new_empty(len(rows), dtype=torch.int64)
+        self._launch(
+            number, [x.data_ptr() for x in (rows, outputs, sides)], [len(rows), *rows.stride()]
         )
+        return outputs, sides
 
     @cached_property
     def _functions(self) -> Sequence[Function] | None:
@@ -65,27 +62,11 @@ class CudaPreprocessor(RowsPreprocessor):
         """CUDA C++ of each program; None for a layout that does more than arithmetic on fields."""
         return self._made(partial(source, real=self._real_type))
 
-    def room(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Uninitialised tensors for the outputs (N, k) and integers (N,) of a program, by its index."""
-        architecture = self._architecture
-        widths = architecture.read_count, architecture.preprocessed_width, architecture.filtering
-        outputs = rows.new_empty(len(rows), widths[number])
-        return outputs, rows.new_empty(len(rows), dtype=torch.int64)
-
-    def rows(self, number: int, rows: Tensor) -> tuple[Tensor, Tensor]:
-        """Outputs (N, k) and integers (N,) of a program, by its index, of rows (N, width) of any strides."""
-        outputs, sides = self.room(number, rows)
-        self._launch(
-            number, [x.data_ptr() for x in (rows, outputs, sides)], [len(rows), *rows.stride()]
-        )
-        return outputs, sides
-
     def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
         assert self._functions is not None
         with torch.cuda.device(self._device):
-            stream = torch.cuda.current_stream().cuda_stream
             blocks = -(-numbers[0] // _THREADS)
-            self._functions[number].launch(blocks, _THREADS, stream, pointers, numbers)
+            self._functions[number].launch(blocks, _THREADS, pointers, numbers)
 
 
 def source(program: RowProgram, real: str) -> str:

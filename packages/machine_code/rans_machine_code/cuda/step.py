@@ -154,9 +154,8 @@ class Kernel:
     ) -> None:
         """Launch the kernel on torch's current stream; addresses and numbers are in the order of the text."""
         with torch.cuda.device(self._device):
-            stream = torch.cuda.current_stream().cuda_stream
             blocks = -(-numbers[0] // (THREADS * together))
-            self.function(action).launch(blocks, THREADS, stream, pointers, numbers)
+            self.function(action).launch(blocks, THREADS, pointers, numbers)
 
     def _readable(self, action: Tensor) -> Tensor:
         """Action as bytes or reals, in rows that are aligned for the reads of the kernel."""

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
 from rans_machine_code.cuda.gradient import MatrixGradient
+from rans_machine_code.cuda.update import UpdateKernels
 from torch import Tensor
 from torch.nn import functional
 
@@ -15,6 +18,7 @@ from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import Batch, minibatches
 from tests.support.engines import FLYER, PLATFORM
+from tests.support.host_kernels import compiled_on_host, run_on_host
 from tests.support.training import collected, tiny_learner
 
 GPU = pytest.param(
@@ -22,9 +26,6 @@ GPU = pytest.param(
     marks=[
         pytest.mark.gpu,
         pytest.mark.skipif(not torch.cuda.is_available(), reason="needs a CUDA device"),
-        pytest.mark.filterwarnings(
-            "ignore:.*torch.jit.script_method:DeprecationWarning"
-        ),  # torch's own
     ],
 )
 
@@ -86,6 +87,19 @@ def agree(
         assert (found - gradient).norm() <= share * gradient.norm() + of_rounding * moved, name
 
 
+class HostUpdate(UpdateKernels):
+    """Its kernels made by a C++ compiler in a folder."""
+
+    folder: Path
+
+    @cached_property
+    def functions(self) -> Any:
+        return compiled_on_host(self.source, self.folder / "update")
+
+    def _launch(self, name: str, threads: int, tensors: Any, numbers: Any) -> None:
+        run_on_host(self.functions, name, threads, (x.data_ptr() for x in tensors), numbers)
+
+
 @pytest.mark.parametrize("device", ["cpu", GPU])
 @pytest.mark.parametrize("own_critic", [False, True])
 @pytest.mark.parametrize(
@@ -94,9 +108,13 @@ def agree(
         (PLATFORM, {"layers": (64, 64), "activation": "relu", "symmetric": True}),
         (FLYER, {"layers": (40, 128), "activation": "elu", "zoom": 4.0}),
     ],
-    ids=["plane", "space, elu, idle units and a second look"],
 )
-def test_products_find_what_autograd_finds(craft, settings, own_critic, device):
+def test_products_find_what_autograd_finds(
+    craft, settings, own_critic, device, monkeypatch, tmp_path
+):
+    if device == "cpu":
+        monkeypatch.setattr("rans_machine_code.cuda.gradient.UpdateKernels", HostUpdate)
+        HostUpdate.folder = tmp_path
     history = {"memory": MemorySettings(2, (0.5,))}
     given = settings | history | {"privileged_critic": own_critic, "matmul": "bf16"}
     learner, batch = collected(craft, device, **given)
