@@ -12,7 +12,6 @@ from pathlib import Path
 import gymnasium
 import pytest
 from hypothesis import settings
-from hypothesis.internal.conjecture import providers
 
 from rans.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
@@ -23,8 +22,10 @@ from tests.support.crafts import FREE_CRAFT, nasty_planar, nasty_spatial
 # The same examples in every run, and no deadline: the machine may be busy.
 settings.register_profile("rans", derandomize=True, deadline=None, database=None)
 settings.load_profile("rans")
-# Nor do examples depend on which modules are loaded, whose numbers are read for a second.
-providers._get_local_constants = providers.Constants
+# Nor do examples depend on which modules are loaded, whose numbers Hypothesis 6.131 and later read for a second.
+providers = sys.modules.get("hypothesis.internal.conjecture.providers")
+if hasattr(providers, "_get_local_constants"):
+    providers._get_local_constants = providers.Constants
 
 
 # Libraries keep a million objects, which a search for garbage looks through: not while they are loaded, and seldom.

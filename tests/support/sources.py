@@ -12,8 +12,11 @@ FOLDERS = [ROOT / "rans", *sorted((ROOT / "packages").glob("*/rans_*"))]
 
 def sources() -> list[tuple[str, Path]]:
     """Every module that users install: name and file."""
-    files = [(file, folder.parent) for folder in FOLDERS for file in sorted(folder.rglob("*.py"))]
-    return [(module_name(*each), each[0]) for each in files]
+    return [
+        (module_name(file, folder.parent), file)
+        for folder in FOLDERS
+        for file in sorted(folder.rglob("*.py"))
+    ]
 
 
 def module_name(file: Path, root: Path) -> str:
