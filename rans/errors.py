@@ -253,13 +253,14 @@ def where_raised(error: BaseException) -> str:
 
 def _user_frame(error: BaseException) -> traceback.FrameSummary | None:
     """Innermost frame of neither this package nor an installed one."""
-    root = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-    own = re.compile(rf"{re.escape(root)}\W(rans|validation|campaigns|packages\W\w+\Wrans_\w+)\W")
-    library = os.path.dirname(os.__file__) + os.sep
+    root = re.escape(str(Path(__file__).absolute().parents[1]))
+    library = re.escape(os.path.dirname(os.__file__))
+    own = re.compile(
+        rf".*site-packages|{library}\W|{root}\W(rans|validation|campaigns|packages\W\w+\Wrans_\w+)\W"
+    )
     for frame in reversed(traceback.extract_tb(error.__traceback__)):
         file = os.path.abspath(frame.filename)
-        installed = "site-packages" in file or file.startswith(library) or own.match(file)
-        if not installed and not file.startswith("<") and os.path.exists(file):
+        if not own.match(file) and os.path.exists(file):
             return frame
     return None
 

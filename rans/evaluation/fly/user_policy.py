@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from rans.effectors.commands import check_commands, clipped
-from rans.errors import ConfigError, brief, where_raised
+from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry, resolve_typed
@@ -91,13 +91,17 @@ class UserPolicy:
 
 @contextmanager
 def named(begin: str) -> Iterator[None]:
-    """Context of somebody else's code: what it raises, also a `ConfigError`, becomes one that begins so."""
+    """Context of somebody else's code: what it raises, also a `ConfigError`, becomes one that begins so.
+
+    Sentences of RANS and its packages about that code name it themselves.
+    """
     try:
         yield
     except (Exception, SystemExit) as error:
-        raise ConfigError(
-            f"{begin}: {type(error).__name__}: {_whole(error)}{where_raised(error)}."
-        ) from error
+        place = where_raised(error)
+        if isinstance(error, RansError) and not place:
+            raise
+        raise ConfigError(f"{begin}: {type(error).__name__}: {_whole(error)}{place}.") from error
 
 
 def answered(who: str, ask: Callable[[], Any], craft: Spacecraft, count: int) -> np.ndarray:
