@@ -261,7 +261,8 @@ class Registry(Mapping[str, T]):
             result.setdefault(entry.name, []).append(entry)
         # As those built in, names of RANS's own packages cannot be replaced.
         return {
-            name: [e for e in several if _is_own(e)] or several for name, several in result.items()
+            name: [e for e in several if e.dist is not None and e.dist.name == _RANS] or several
+            for name, several in result.items()
         }
 
     def _load(self, name: str) -> T:
@@ -312,11 +313,6 @@ class Registry(Mapping[str, T]):
         if others:
             raise ConfigError("two packages have this name; uninstall one of them.")
         return resolve(first.value, name)
-
-
-def _is_own(entry: EntryPoint) -> bool:
-    """Whether an entry point is of the distribution of RANS."""
-    return entry.dist is not None and entry.dist.name == _RANS
 
 
 def _docstring(reference: str) -> str:

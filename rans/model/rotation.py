@@ -217,16 +217,14 @@ class Rotation:
 
 
 def _brackets(rate: Series, duration: Field) -> Vec3:
-    r0, r1, r2, r3 = (_derivative(rate, k).scale(duration) for k in range(4))
+    # Derivatives of the series at the middle of the step, the k-th over k factorial.
+    r0, r1, r2, r3 = (
+        _sum(rate[k:], _IN_THE_MIDDLE[k][k : len(rate)]).scale(duration) for k in range(4)
+    )
     slope = r1 + r3.scale(3.0 / 20.0)
     first = slope.cross(r0)
     second = (r2.scale(2.0) + first).cross(r0).scale(-1.0 / 60.0)
     return (slope + second).cross(first - r0.scale(20.0) - r2).scale(1.0 / 240.0)
-
-
-def _derivative(series: Series, k: int) -> Vec3:
-    """The k-th derivative of a series at the middle of the step, over k factorial."""
-    return _sum(series[k:], _IN_THE_MIDDLE[k][k : len(series)])
 
 
 def _sum(vectors: Sequence[Vec3], factors: Sequence[float]) -> Vec3:

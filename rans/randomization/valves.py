@@ -64,7 +64,8 @@ def pieces(
     # The thrust is linear between the instants at which a change begins to take effect, or has taken effect.
     ramps = [] if lag.rise is None else [lag.rise]
     edges = [jump.time + lag.latency + ramp for jump in jumps for ramp in (0.0, *ramps)]
-    edges = ascending([_within(edge, period) for edge in edges])
+    # Times before or after the period stand at its ends.
+    edges = ascending([period - at_least(period - at_least(edge, 0.0), 0.0) for edge in edges])
     for begin, end in zip([0.0, *edges], [*edges, period], strict=True):
         if isinstance(end, float) and isinstance(begin, float) and begin == end:
             continue
@@ -197,8 +198,3 @@ def _completed_part(gone: Field, ramp: Field | None) -> Field:
     if ramp is None:
         return where(gone > 0.0, gone * 0.0 + 1.0, gone * 0.0)
     return fraction_of(gone, ramp)  # at once, where a ramp takes no time
-
-
-def _within(time: Field, period: float) -> Field:
-    """The time, s, or the nearest one in the period."""
-    return period - at_least(period - at_least(time, 0.0), 0.0)

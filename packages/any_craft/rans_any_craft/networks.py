@@ -227,7 +227,9 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
         head="gaussian" if craft.is_continuous else "on-off",
         tokens=tokens,
         authority=numbers,
-        reach=_reach(tokens, numbers) if old.reach and CONTINUOUS not in _kinds(tokens) else (),
+        reach=_reach(tokens, numbers)
+        if old.reach and all(row[-1] != CONTINUOUS for row in tokens)
+        else (),
         coast=0.0 if craft.actuators.kind == "throttle" else coast,
         farthest=bound,
         farthest_lost=farthest_lost,
@@ -328,11 +330,6 @@ def frugal(
     }
     chosen = () if numbers == AS_TRAINED else tuple(numbers)
     return Network(replace(architecture, frugal=chosen, reach=reach), tensors, at=network.at)
-
-
-def _kinds(tokens: Tokens) -> set[float]:
-    """Kinds of effectors."""
-    return {row[-1] for row in tokens}
 
 
 def _reach(tokens: Tokens, authority: tuple[float, ...]) -> tuple[float, ...]:

@@ -82,7 +82,7 @@ def write_c(
     }
 
     def write(name: str, values: Mapping[str, Any]) -> None:
-        text = filled(_template(name), values)
+        text = filled((resources.files("rans_c_code") / "data" / name).read_text("utf-8"), values)
         if prefix:
             text = re.sub(r"\brans_agent(?=\b|_)", prefix, text)
             text = re.sub(r"\bRANS(?=_[A-Z])", prefix.upper(), text)
@@ -101,11 +101,6 @@ def write_c(
         write("agent.h", names | {"STACK": note})
     if pairs is not None:
         write("agent_check.c", _checked(pairs))
-
-
-def _template(name: str) -> str:
-    """One of the package's files, which compile as they stand."""
-    return (resources.files("rans_c_code") / "data" / name).read_text("utf-8")
 
 
 def filled(text: str, values: Mapping[str, Any]) -> str:

@@ -296,14 +296,14 @@ class Code(ir.IRBuilder):
         method, *given = LLVM.pattern(symbol.operation, kind).split()
         chosen = symbol.operation == "where"
         converted = [
-            value if arg.kind == kind or (chosen and k == 0) else self._as(value, kind)
+            value
+            if arg.kind == kind or (chosen and k == 0)
+            else self.to_real(value)
+            if kind == "real"
+            else self.zext(value, INTS)
             for k, (arg, value) in enumerate(zip(symbol.args, operands, strict=True))
         ]
         return getattr(self, method)(*given, *converted)
-
-    def _as(self, x: Value, kind: str) -> Value:
-        """Truth values or whole numbers as those of a wider kind."""
-        return self.to_real(x) if kind == "real" else self.zext(x, INTS)
 
     def real_function(self, name: str, x: Value) -> Value:
         """A function of LLVM on vectors of float32."""

@@ -364,11 +364,6 @@ def _gaps(comparison: Mapping[str, Any]) -> Iterator[Fact]:
                 yield Fact(f"gap of {name}: {question}", text, "limits")
 
 
-def _title(file: Path) -> str:
-    """Such as "Assurance lab" of assurance-lab.json."""
-    return file.stem.replace("-", " ").capitalize()
-
-
 def _outcome(row: Mapping[str, Any]) -> str:
     """Sentence with what a contestant of a comparison reached, from its row of compare.json."""
     verb = "succeeds" if row.get("ends") else "solves its task"
@@ -396,7 +391,12 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
     agreement = [*_agreement(evaluation.get("both", {}))] if isinstance(evaluation, dict) else []
     page = inside(file.parent, f"{file.stem}.html")
     link = page.name if page.is_file() else ""
-    return replace(section, title=_title(file), link=link, facts=[*section.facts, *agreement])
+    return replace(
+        section,
+        title=file.stem.replace("-", " ").capitalize(),
+        link=link,
+        facts=[*section.facts, *agreement],
+    )
 
 
 def _kept_picture(file: Path, caption: str) -> Picture:

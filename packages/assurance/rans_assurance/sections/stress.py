@@ -17,7 +17,7 @@ WORST = "Worst episodes"
 
 def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
     """Shares solved in each set of conditions, and the largest size of each disturbance that is tolerated."""
-    flown = _levels(stress)
+    flown = stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
     named = {name: row["contestants"] for name, row in flown.items() if row["size"] is None}
     names = list(dict.fromkeys(who for row in flown.values() for who in row["contestants"]))
     first = next(iter(names), "")
@@ -76,10 +76,6 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
         ],
         hero=hero,
     )
-
-
-def _levels(stress: Mapping[str, Any]) -> Mapping[str, Any]:
-    return stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
 
 
 def _part(stress: Mapping[str, Any], names: list[str]) -> str:

@@ -112,8 +112,8 @@ class ConvexGuidance(ModelBased):
         deadline = np.broadcast_to(np.asarray(goal.notes.deadline, float), len(relative_states))
         commands = np.zeros((len(relative_states), self._craft.command_count))
         checks = self._timing.checks
-        # All episodes of a mission meet at one point.
-        meeting = self._meeting or self._cautious(_first(goal))
+        # All episodes of a mission meet at one point: the goal is that of the first.
+        meeting = self._meeting or self._cautious(map_leaves(lambda x: np.ravel(x)[:1], goal))
         self._meeting = meeting
         for k, now in enumerate(relative_states):
             plan = self._plans[k]
@@ -176,11 +176,6 @@ class ConvexGuidance(ModelBased):
         except SolverFailed:
             return None
         return _Plan(transfer.commands, trajectory(meeting, relative_state, transfer))
-
-
-def _first(goal: Any) -> Any:
-    """The goal of the first episode, in fields of one element."""
-    return map_leaves(lambda x: np.ravel(x)[:1], goal)
 
 
 def _tightened(limit: Shape, reserve: float) -> Shape:
