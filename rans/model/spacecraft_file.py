@@ -59,7 +59,7 @@ def _described(found: Any) -> DescribedSpacecraft:
 def _made(found: Any) -> Spacecraft:
     """Spacecraft from itself, from a function, or from a subclass of `Spacecraft`; nothing else is called."""
     is_function = callable(found) and not isinstance(found, type)
-    if is_function or (isinstance(found, type) and issubclass(found, Spacecraft)):
+    if is_function or _is_spacecraft_class(found):
         try:
             found = found()
         except Exception as error:  # code of other packages may raise anything
@@ -71,6 +71,10 @@ def _made(found: Any) -> Spacecraft:
             f"the package, got {got}."
         )
     return found
+
+
+def _is_spacecraft_class(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Spacecraft)
 
 
 SPACECRAFT = Registry(
