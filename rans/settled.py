@@ -12,7 +12,7 @@ import random
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, nullcontext
 from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
@@ -73,16 +73,15 @@ def settled(function: Callable[Arguments, Result]) -> Callable[Arguments, Result
 def settled_alone(function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
     """A function that is a whole task, such as a training: gradients are on, and `random` is left as it was."""
 
+    @settled
     @functools.wraps(function)
     def inner(*arguments: Arguments.args, **options: Arguments.kwargs) -> Result:
         """The function with the settings of a new process; the user's random numbers go on as if it had not run."""
         # Libraries draw from it when they are imported.
         state = random.getstate()
+        torch = sys.modules.get("torch")
         try:
-            with ExitStack() as stack:
-                stack.enter_context(_usual_settings())
-                if (torch := sys.modules.get("torch")) is not None:
-                    stack.enter_context(torch.enable_grad())
+            with nullcontext() if torch is None else torch.enable_grad():
                 return function(*arguments, **options)
         finally:
             random.setstate(state)

@@ -36,13 +36,9 @@ def action_space(craft: Spacecraft) -> spaces.Space[np.ndarray]:
     return spaces.Box(low, high, dtype=np.float32)
 
 
-def command_bounds(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper bound of each command, float32."""
-    low, high = np.array(
-        [(command_range.low, command_range.high) for command_range in craft.commands],
-        dtype=np.float32,
-    ).T
-    return low, high
+def command_bounds(craft: Spacecraft, dtype: Any = np.float32) -> np.ndarray:
+    """Lower and upper bound of each command, (2, n)."""
+    return np.array([(x.low, x.high) for x in craft.commands], dtype).T
 
 
 def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
@@ -50,9 +46,7 @@ def limits(craft: Spacecraft) -> tuple[np.ndarray, np.ndarray]:
 
     What is accepted beyond a bound has to be `clipped`.
     """
-    low, high = np.array(
-        [(command_range.low, command_range.high) for command_range in craft.commands]
-    ).T
+    low, high = command_bounds(craft, float)
     slack = np.array(
         [0.0 if command_range.kind == "on-off" else _ROUNDING for command_range in craft.commands]
     )
@@ -63,9 +57,7 @@ def clipped(craft: Spacecraft, values: np.ndarray) -> np.ndarray:
     """Commands (..., n) that `check_commands` accepts, within their bounds."""
     if not craft.is_continuous:
         return values
-    low, high = np.array(
-        [(command_range.low, command_range.high) for command_range in craft.commands]
-    ).T
+    low, high = command_bounds(craft, float)
     return np.clip(values, low, high)
 
 

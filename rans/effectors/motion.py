@@ -14,8 +14,8 @@ from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift, Following
-from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, undelayed
-from rans.model.fields import Field, at_least, fraction_of, map_leaves, where
+from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, between, undelayed
+from rans.model.fields import Field, at_least, fraction_of, where
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.timing import Timing
 
@@ -245,8 +245,8 @@ def cut(pieces: Iterable[Piece], period: float, parts: int) -> Iterator[Iterable
                 part.append(
                     (
                         exits - enters,
-                        first if last is None else _between(first, last, first_share),
-                        None if last is None else _between(first, last, last_share),
+                        first if last is None else between(first, last, first_share),
+                        None if last is None else between(first, last, last_share),
                         min(longest, high - low),
                     )
                 )
@@ -259,7 +259,3 @@ def _clamped(time: Field, low: float, high: float) -> Field:
     if isinstance(time, float):
         return min(max(time, low), high)
     return high - at_least(high - at_least(time, low), 0.0)
-
-
-def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
-    return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)

@@ -179,6 +179,11 @@ def wrench(craft: Spacecraft, command: Sequence[Field], body: Body | None = None
     return wrench_of(craft, thrust(craft, command, body), body)
 
 
+def between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
+    """Wrench at a fraction of the way from one to another."""
+    return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)
+
+
 def wrench_of(craft: Spacecraft, openings: Sequence[Field], body: Body | None) -> Wrench:
     """Wrench in B about the true centre of mass (N, N m) of thrusters with these shares, linear in them.
 

@@ -18,7 +18,7 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from rans.model.body import Body
-from rans.model.dynamics import Piece, Wrench, thrust, wrench_of
+from rans.model.dynamics import Piece, Wrench, between, thrust, wrench_of
 from rans.model.fields import Field, ascending, at_least, fraction_of, map_leaves, where
 from rans.model.spacecraft import Spacecraft
 
@@ -112,7 +112,7 @@ def _until(piece: Piece, fraction: Field) -> Piece:
     """The first share of a piece."""
     duration, first, last, longest = piece
     if last is not None:
-        last = _between(first, last, fraction)
+        last = between(first, last, fraction)
     return duration * fraction, first, last, longest
 
 
@@ -120,13 +120,8 @@ def _from(piece: Piece, fraction: Field) -> Piece:
     """Remainder of a piece after its first share."""
     duration, first, last, longest = piece
     if last is not None:
-        first = _between(first, last, fraction)
+        first = between(first, last, fraction)
     return duration * (1.0 - fraction), first, last, longest
-
-
-def _between(first: Wrench, last: Wrench, fraction: Field) -> Wrench:
-    """Wrench at a fraction of the way from one to another."""
-    return map_leaves(lambda a, b: a + (b - a) * fraction, first, last)
 
 
 def _either(condition: Field, first: Piece, second: Piece) -> Piece:

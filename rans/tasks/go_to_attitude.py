@@ -16,6 +16,7 @@ from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import Dimension, ObservationTerm, RelativeRotation
 from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.tracking import Tracking
 
 
 @dataclass(frozen=True)
@@ -102,6 +103,4 @@ class GoToAttitude(SingleTask):
             terms["torque"] = reduce(add, (u * u for u in wheels)) * -self.torque_weight
         return {**terms, **self.prices(transition)}
 
-    def failed(self, state: State, goal: State) -> Field:
-        """Whether the craft spins too fast."""
-        return speed(state.spin()) > self.fail_spin
+    failed = Tracking.failed

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 
 from rans.model.dynamics import State
-from rans.model.fields import Field
+from rans.model.fields import Field, Vec2, Vec3
 from rans.model.random import Random
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import (
@@ -40,6 +40,12 @@ class Tracking(SingleTask):
     def failed(self, state: State, goal: State) -> Field:
         """Whether the craft spins too fast."""
         return speed(state.spin()) > self.fail_spin
+
+
+def _begun(random: Random, speeds: tuple[float, float]) -> tuple[State, Vec2 | Vec3]:
+    """Start at rest at the origin, and the velocity of a goal; seeds rely on the order of draws."""
+    start = random.at_rest(random.origin(), random.attitude())
+    return start, random.direction().scale(random.uniform(*speeds))
 
 
 @dataclass(frozen=True)
@@ -79,8 +85,7 @@ class TrackVelocity(Tracking):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start at rest at the origin, and a goal whose velocity is the target; seeds rely on this order."""
-        start = random.at_rest(random.origin(), random.attitude())
-        velocity = random.direction().scale(random.uniform(*self.target_speed))
+        start, velocity = _begun(random, self.target_speed)
         return start, random.moving(velocity, random.no_rotation())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
@@ -154,8 +159,7 @@ class TrackTwist(Tracking):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start at rest at the origin, and a goal that moves and rotates; seeds rely on the order of draws."""
-        start = random.at_rest(random.origin(), random.attitude())
-        velocity = random.direction().scale(random.uniform(*self.target_speed))
+        start, velocity = _begun(random, self.target_speed)
         return start, random.moving(velocity, random.no_rotation(), random.spin(self.target_spin))
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
@@ -222,8 +226,7 @@ class TrackVelocityHeading(Tracking):
 
     def sample(self, random: Random) -> tuple[State, State]:
         """Start at rest at the origin, and a goal that moves without spin; seeds rely on the order of draws."""
-        start = random.at_rest(random.origin(), random.attitude())
-        velocity = random.direction().scale(random.uniform(*self.target_speed))
+        start, velocity = _begun(random, self.target_speed)
         return start, random.moving(velocity, random.attitude())
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:

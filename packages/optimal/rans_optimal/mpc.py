@@ -132,13 +132,7 @@ class MPC(LQR):
         self._plans = np.zeros((count, *self._plans.shape[1:]))
         self.failures = 0
 
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; looks at the state, not at the observation."""
-        period = self._timing.control_period
-        rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
-        return self._rounding.round(self._planned(state, goal, rest), rest, state.stores)
-
-    def _planned(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
+    def _demanded(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
         """The wrench on B, (N, 3 or 6), with which better plans begin; those that rest plan nothing.
 
         Changes the plans, and counts failures.

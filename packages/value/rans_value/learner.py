@@ -41,6 +41,7 @@ from rans.extend import (
     Timing,
     TrainConfig,
     fused,
+    load_spacecraft,
     read_json,
     remember,
     whole,
@@ -63,9 +64,9 @@ _LOST = 6.0
 """Value, in times in which the craft gains its range and that at full thrust, beyond which flights do not go on."""
 _KEEP = 0.98
 """Average of the weights of the value function over gradient steps, by which is flown."""
-_FITTED = 0.75
-"""Part of the training in which the value function is fitted. Then its commands are imitated, by iterations that
-take as long."""
+_STAGES = ((0.75, 1.0), (50 / 380, 60 / 380))
+"""Parts of the training at which the value function is fitted, and its commands are imitated. In space what
+imitation leaves is then learnt from flights of the policy, by iterations of a quarter of a second."""
 _RATE = 1e-3
 """First step size of the value function, which falls to a hundredth."""
 _BY_POLICY = 0.8
@@ -82,12 +83,20 @@ _AHEAD = 4
 _LEVELS = (0.5, 0.25, 0.1)
 """Parts of the first `_AHEAD` patterns that are tried too where thrusters are throttled or pulsed. Commands of
 least time or impulse open them wholly; holding a pose, or a spin between two pulses, takes less."""
-_LABELS = 32
-"""Patterns whose costs are labels of the policy, of those that are tried: those of least cost."""
 _DECIDED = 0.02
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
 """Log-odds of a valve for a command between 0 and 1 of craft that have those."""
+_RATES = (1.0, 0.02, 0.4, 0.008)
+"""Step sizes, of the first, with which imitation and learning from flights begin and end."""
+_ROLLOUTS = 2
+"""Rollouts of such flights in an iteration."""
+_STEPS = 48
+"""Gradient steps on them."""
+_TRACE = 0.9
+"""Weight of what the next period costs more than the values expected, over that of the present one."""
+_LEFT = 2.0
+"""Cost of leaving the tolerances, seconds outside."""
 
 
 @dataclass(frozen=True)
@@ -267,10 +276,8 @@ class Greedy:
     def label(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Patterns (C, N, n) of valves wholly open, and costs of two periods above that of the best, (C, N), s."""
         patterns, outcomes = self.tried(state, 2)
-        patterns, outcomes = patterns[: self._count], outcomes[:, : self._count]
-        kept = outcomes[0].topk(min(_LABELS, self._count), dim=0, largest=False).indices
-        patterns, (costs, *_) = _taken(patterns, outcomes, kept)
-        return patterns, costs - costs[0]
+        costs = outcomes[0, : self._count]
+        return patterns[: self._count], costs - costs.amin(dim=0)
 
 
 def _taken(patterns: Tensor, outcomes: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
@@ -296,7 +303,7 @@ class ValueLearner:
         ConfigError: craft, task, network or processes are of another kind.
     """
 
-    statistics = ("value_loss", "value", "mismatch", "grad_norm")
+    statistics = ("value_loss", "value", "grad_norm")
     description = "fitted value iteration"
 
     def __init__(
@@ -340,27 +347,31 @@ class ValueLearner:
         # Flights of the last rounds, and labels of the last iterations.
         self._ends = example
         self._flights: list[tuple[Tensor, Tensor]] = []
-        self._labels: list[list[Tensor]] = []
+        self._labels: list[tuple[Tensor, ...]] = []
         # Batches of states and of labels, at addresses that stay, and the gradient steps on them.
         self._sample: list[Tensor] = []
         self._batch: list[Tensor] = []
         self._fitting = graphed(self._fitted, device)
         self._descent = graphed(self._descend, device)
+        self._improvement = graphed(self._improve, device)
+        self._stages = _STAGES[_learns_from_flights(engine.craft)]
 
     def slow_down(self, remaining: float) -> None:
         """Reduce the step sizes of value function and policy while ``remaining`` falls from 1 to 0."""
         self._progress = 1.0 - remaining
-        done = min(1.0, self._progress / _FITTED)
+        fitted, imitated = self._stages
+        done = min(1.0, self._progress / fitted)
         for group in self._value_adam.param_groups:
             group["lr"].fill_(_RATE * (0.01 + 0.495 * (1 + math.cos(math.pi * done))))
-        left = min(1.0, remaining / (1.0 - _FITTED))
-        self.adam.rate.fill_(self.settings.learning_rate * (0.02 + 0.98 * left))
+        rate = np.interp(self._progress, (fitted, imitated, imitated, 1.0), _RATES)
+        self.adam.rate.fill_(self.settings.learning_rate * rate)
 
     def learn(self) -> Tensor:
         """Run one iteration, see `rans.fast.learn.learner.Learner.learn`."""
-        loss = norm = mismatch = torch.zeros((), device=self.engine.device)
+        loss = norm = torch.zeros((), device=self.engine.device)
         self.rollout.begin()
-        if self._progress < _FITTED:
+        fitted, imitated = self._stages
+        if self._progress < fitted:
             self.engine.reset()
             self.engine.stagger()
             self._pool = self.states()
@@ -368,10 +379,17 @@ class ValueLearner:
                 self._begin()
             losses = [self._round() for _ in range(self._own.rounds)]
             loss = torch.stack(losses).mean()
+        elif self._progress < imitated:
+            self._fly()
+            labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
+            count = 30 * self._own.updates
+            norm = self._steps(self._descent, labels, self.settings.batch_size, count)
         else:
-            mismatch = self._fly()
-            norm = self._imitate()
-        result = torch.stack((loss, self._flights[-1][1].mean(), mismatch, norm))
+            if self._labels:
+                self._labels, self._batch = [], []
+            flights = self._tried()
+            norm = self._steps(self._improvement, flights, self._own.batch, _STEPS)
+        result = torch.stack((loss, self._flights[-1][1].mean(), norm))
         return torch.cat((result, self.adam.rate[None], self.rollout.totals()))
 
     def states(self) -> Tensor:
@@ -495,15 +513,14 @@ class ValueLearner:
     # The policy: commands of the value function in states that the policy reaches.
 
     @torch.no_grad()
-    def _fly(self) -> Tensor:
-        """Fly ``n_steps`` periods and label them; returns the part of states with another command by the policy."""
+    def _fly(self) -> None:
+        """Fly ``n_steps`` periods and label them."""
         engine = self.engine
         network = self.network
         rollout = self.rollout
         count = engine.num_envs
         own = torch.arange(count, device=engine.device)[:, None] < _BY_POLICY * count
         observation = engine.observe()
-        labels, differs = [], []
         for slot in rollout.steps:
             state = self.states()
             # Labels are of the side from which the craft is looked at: there, equal states have equal ones.
@@ -518,32 +535,27 @@ class ValueLearner:
             least = regret.argmin(dim=0)[None, :, None].expand(1, -1, patterns.shape[2])
             label = patterns.gather(0, least)[0]
             mode = network.evaluate_seen(columns).policy.mode()
-            differs.append((mode != label).any(dim=1).to(label.dtype).mean())
             command = torch.where(own, mode, label).gather(1, order)
             acted = Acted(command, slot.log_prob, slot.value, command, None)
             unit = _DECIDED * (1.0 + self.problem.price(state))
-            labels.append((columns, patterns.transpose(0, 1).bool(), (regret / unit).T))
+            self._labels.append((columns, patterns.transpose(0, 1).bool(), (regret / unit).T))
+            network.update_statistics(columns[None])
             step = engine.step(engine.commands(command))
             remember(observation, acted, None, step, slot, rollout)
             observation = step.observation
-        viewed, *answers = (torch.stack(x) for x in zip(*labels, strict=True))
-        network.update_statistics(viewed)
-        latest = [x.flatten(0, 1) for x in (viewed, *answers)]
-        self._labels = [*self._labels[1 - _LABELLED :], latest]
-        return torch.stack(differs).mean()
+        del self._labels[: -_LABELLED * len(rollout.steps)]
 
-    def _imitate(self) -> Tensor:
-        """Gradient steps of the policy on labels of the last iterations; returns the mean norm."""
-        labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
+    def _steps(self, step: Any, rows: list[Tensor], size: int, count: int) -> Tensor:
+        """Gradient steps of the policy on batches of rows; returns the mean norm."""
         norms = []
         # The value function needs more bits of its inputs than gradients do.
         precision = torch.get_float32_matmul_precision()
         torch.set_float32_matmul_precision("high")
         try:
-            for _ in range(30 * self._own.updates):
-                chosen = self._indices(len(labels[0]), self.settings.batch_size)
-                _put(self._batch, [x[chosen] for x in labels])
-                norms.append(self._descent().clone())
+            for _ in range(count):
+                chosen = self._indices(len(rows[0]), size)
+                _put(self._batch, [x[chosen] for x in rows])
+                norms.append(step().clone())
         finally:
             torch.set_float32_matmul_precision(precision)
         return torch.stack(norms).mean()
@@ -558,6 +570,52 @@ class ValueLearner:
         side = 1.0 - 2.0 * patterns
         likely = -functional.softplus(side * logit[:, None]).sum(dim=2)
         loss = -torch.logsumexp(likely - regrets, dim=1).mean()
+        return self.adam.descend(loss, math.inf, self.engine.processes)
+
+    @torch.no_grad()
+    def _tried(self) -> list[Tensor]:
+        """Fly by random commands of the policy.
+
+        Columns seen, commands, their log-probabilities, and how much less than the values expected they cost.
+        """
+        engine = self.engine
+        network = self.network
+        problem = self.problem
+        observation = engine.observe()
+        periods = []
+        for _ in range(_ROLLOUTS):
+            self.rollout.begin()
+            for slot in self.rollout.steps:
+                state = self.states()
+                columns, _, order = network.look(network.in_body(observation))
+                policy: Any = network.evaluate_seen(columns).policy
+                action = policy.sample(self._uniform(*policy.logit.shape))
+                command = action if order is None else action.gather(1, order)
+                outcome = self.greedy.outcomes(state, command[None])[:, 0]
+                was, held = (problem.inside(x)[0] for x in (state, outcome[3:]))
+                above = (outcome[0] - self.average(state)) / (1.0 + problem.price(state))
+                above += _LEFT * (was & ~held)
+                step = engine.step(engine.commands(command))
+                acted = Acted(command, slot.log_prob, slot.value, command, None)
+                remember(observation, acted, None, step, slot, self.rollout)
+                observation = step.observation
+                goes_on = outcome[2] * ~(step.terminated | step.truncated)
+                periods.append((columns, action, policy.log_prob(action), above, goes_on))
+        *seen, above, goes_on = (torch.stack(x) for x in zip(*periods, strict=True))
+        # What the next periods cost counts, too (generalised advantages).
+        for t in reversed(range(len(above) - 1)):
+            above[t] += _TRACE * goes_on[t] * above[t + 1]
+        return [x.flatten(0, 1) for x in (*seen, (above.mean() - above) / above.std())]
+
+    def _improve(self) -> Tensor:
+        """One gradient step of the policy on flights; returns the norm.
+
+        The clipped objective of J. Schulman et al., "Proximal policy optimization algorithms", 2017, of which the
+        value function is the critic.
+        """
+        columns, action, before, gain = self._batch
+        ratio = (self.network.evaluate_seen(columns).policy.log_prob(action) - before).exp()
+        loss = -torch.minimum(gain * ratio, gain * ratio.clamp(0.8, 1.2)).mean()
         return self.adam.descend(loss, math.inf, self.engine.processes)
 
     def state(self) -> dict[str, Any]:
@@ -604,6 +662,11 @@ def _check(engine: Engine, network: Network) -> None:
 def suits(craft: Spacecraft) -> bool:
     """Whether there is such a value function: of craft of constant mass that have thrusters and nothing else."""
     return craft.has_only_thrusters and not craft.stores
+
+
+def _learns_from_flights(craft: Spacecraft) -> bool:
+    """Whether policies imitate values too poorly: in space. The spread of throttles is not learnt."""
+    return craft.dimension == 3 and not craft.is_continuous
 
 
 def _check_craft(craft: Spacecraft) -> None:
@@ -806,11 +869,10 @@ class Newest(GreedyController):
         return self._varied.expecting(conditions)
 
 
-_ITERATIONS = (96, 272)
-"""Iterations of a training that begins with values that ship, and from nothing; what more of them gain:
-docs/decisions/value_policy.md."""
+_ITERATIONS = ((96, 272), (380, 1140))
+"""Iterations of a training that begins with values that ship, and from nothing; then those whose policy learns from
+its flights too. What more of them gain: docs/decisions/value_policy.md."""
 _POLICY: dict[str, Any] = {
-    "n_envs": 12288,
     "n_steps": 8,
     "batch_size": 16384,
     "learning_rate": 1e-3,
@@ -822,6 +884,11 @@ _POLICY: dict[str, Any] = {
 _SMALL: dict[str, Any] = {"units": 96, "states": 512, "rounds": 2, "updates": 16, "batch": 2048}
 _SMALL_POLICY: dict[str, Any] = {"n_envs": 256, "batch_size": 1024, "layers": (128, 128)}
 """Sizes of fit and policy on a CPU, in place of those of a GPU."""
+_ENVS = (12288, 65536)
+"""Flights in the plane, and in space, where the policy learns from its own."""
+_FINE = 0.5 * math.radians(5.0)
+"""Largest turn by a pulse that the next period stops, rad: half the tolerance. At 0.7 of it 5 to 10 % of flights
+leave the pose (docs/decisions/value_policy.md)."""
 _POSES = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
 """Flights to a pose, to which a value function of either flies at any trade-off."""
 
@@ -834,11 +901,19 @@ class Value(Algorithm):
 
     @classmethod
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
-        """Config for flights to a pose in the plane on a GPU; without one the agent for any craft is better."""
-        fits = craft.dimension == 2 and suits(craft) and type(config.settings) in _POSES
-        if fits and not config.device.startswith("cpu"):
-            return cls.started(replace(config, algorithm="value", learner={}))
-        return None
+        """Config for flights to a pose on a GPU; without one the agent for any craft is better.
+
+        In space of on/off thrusters that turn the craft finely: others are held by fewer policies.
+        """
+        fits = suits(craft) and type(config.settings) in _POSES
+        if not fits or config.device.startswith("cpu"):
+            return None
+        if craft.dimension == 3:
+            timing = config.timing
+            spin = max(PoseProblem(craft, config.settings, timing).spin_steps)
+            if not _learns_from_flights(craft) or spin * timing.control_period > _FINE:
+                return None
+        return cls.started(replace(config, algorithm="value", learner={}))
 
     @classmethod
     def contestants(cls, config: TrainConfig, craft: Spacecraft) -> list[str]:
@@ -851,14 +926,16 @@ class Value(Algorithm):
     def started(cls, config: TrainConfig) -> TrainConfig:
         """Config with hyper-parameters known to work."""
         is_small = config.device.startswith("cpu")
-        ppo = replace(config.ppo, **_POLICY | (_SMALL_POLICY if is_small else {}))
+        flies = _learns_from_flights(load_spacecraft(config.spacecraft))
+        sizes: Any = _SMALL_POLICY if is_small else {"n_envs": _ENVS[flies]}
+        ppo = replace(config.ppo, **_POLICY | sizes)
         learner = config.learner | (_SMALL if is_small else {})
         from_nothing = learner["units"] != ValueSettings.units
         return replace(
             config,
             ppo=ppo,
             learner=learner,
-            total_timesteps=_ITERATIONS[from_nothing] * ppo.n_envs * ppo.n_steps,
+            total_timesteps=_ITERATIONS[flies][from_nothing] * ppo.n_envs * ppo.n_steps,
             report_interval=40,
             curriculum=(),
             solved_share=None,

@@ -388,9 +388,8 @@ class TrainConfig:
             check_ramps(self.settings, self.curriculum)
 
 
-def to_table(config: TrainConfig) -> dict[str, Any]:
-    """Plain JSON values of a config."""
-    return dataclasses.asdict(config)
+to_table = dataclasses.asdict
+"""Plain JSON values of a config."""
 
 
 def from_table(table: dict[str, Any]) -> TrainConfig:

@@ -75,7 +75,11 @@ class LQR(ExpectsDead, ModelBased):
         """See `rans.flight.Controller`; looks at the state, not at the observation."""
         period = self._timing.control_period
         rest = self._deadband.holds(self._craft, self._task, state, goal, period=period)
-        return self._rounding.round(self.wrench(state, goal), rest, state.stores)
+        return self._rounding.round(self._demanded(state, goal, rest), rest, state.stores)
+
+    def _demanded(self, state: Any, goal: Any, rest: np.ndarray) -> np.ndarray:
+        """Wrench on B, (N, 3 or 6), of craft of which some rest."""
+        return self.wrench(state, goal)
 
     def wrench(self, state: Any, goal: Any) -> np.ndarray:
         """The regulator's force and torque on B, (N, 3 or 6), N and N m, for the mass that is left.

@@ -200,7 +200,7 @@ class ModelBased:
     """Whether it flies only craft that have a thruster."""
 
     def __init__(
-        self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None
+        self, craft: str | Path | Spacecraft, task: str | Task, timing: Timing | None = None
     ) -> None:
         self._craft, self._task = craft_and_task(craft, task)
         self._timing = self._task.timing if timing is None else checked("timing", timing, Timing)
@@ -219,6 +219,10 @@ class ModelBased:
                 RansWarning,
                 stacklevel=3,
             )
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Compute what depends on spacecraft, task and timing alone."""
 
     def __repr__(self) -> str:
         return f"<{self.name}: {type(self._task).__name__} for {self._craft.name}>"

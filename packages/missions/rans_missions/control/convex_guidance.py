@@ -7,7 +7,6 @@ above its bounds.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -18,10 +17,7 @@ from rans.extend import (
     ModelBased,
     Shape,
     SolverFailed,
-    Spacecraft,
     SpeedLimit,
-    Task,
-    Timing,
     map_leaves,
 )
 from rans_missions.control.afterwards import Afterwards
@@ -76,13 +72,7 @@ class ConvexGuidance(ModelBased):
     slow = True
     heeds_constraints: ClassVar[bool] = True
 
-    def __init__(
-        self,
-        craft: str | Path | Spacecraft,
-        task: str | Task,
-        timing: Timing | None = None,
-    ) -> None:
-        super().__init__(craft, task, timing)
+    def _prepare(self) -> None:
         self._plans: list[_Plan | None] = []
         self._mission = OrbitalMission.expected(
             self._task, "convex guidance flies missions on an orbit"

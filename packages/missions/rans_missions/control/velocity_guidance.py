@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from functools import cached_property
-from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 import numpy as np
 
-from rans.extend import Drift, ModelBased, Spacecraft, Task, Timing, Vec3, map_leaves
+from rans.extend import Drift, ModelBased, Vec3, map_leaves
 from rans_missions.control.tracking import Tracker
 from rans_missions.orbits.linear import carried
 from rans_missions.orbits.reach import velocity_to_reach
@@ -47,13 +46,7 @@ class VelocityGuidance(ModelBased, ABC, Generic[Mission]):
     purpose: ClassVar[str]
     """Beginning of the message for other tasks, such as "circumnavigation flies inspections"."""
 
-    def __init__(
-        self,
-        craft: str | Path | Spacecraft,
-        task: str | Task,
-        timing: Timing | None = None,
-    ) -> None:
-        super().__init__(craft, task, timing)
+    def _prepare(self) -> None:
         self.task: Mission = self.mission.expected(self._task, self.purpose)
         self._period = self._timing.control_period
         self._tracker = Tracker(self.craft, self._period)

@@ -143,9 +143,7 @@ class DockPort(SingleTask):
             "target": Ball(centre, goal.v.scale(0.0), self.target_radius),
         }
 
-    def done(self, state: State, goal: State) -> Field:
-        """Whether the spacecraft is docked: all errors are within their tolerances."""
-        return self.reached(state, goal)
+    done = SingleTask.reached  # the spacecraft is docked: all errors are within their tolerances
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Differences of p, v (W), attitude and spin from the docked state, and the cone, in this order.

@@ -139,9 +139,7 @@ class FinalApproach(SingleTask):
             "speed": SpeedLimit(centre, self.velocity_tolerance, 4.0 * self.mean_motion),
         }
 
-    def done(self, state: State, goal: State) -> Field:
-        """Whether the craft is docked: both errors are within their tolerances."""
-        return self.reached(state, goal)
+    done = SingleTask.reached  # the craft is docked: both errors are within their tolerances
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Position and velocity of the port relative to the craft, its axis, and the margins' shapes.

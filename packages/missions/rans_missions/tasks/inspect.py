@@ -269,9 +269,7 @@ class Inspect(SingleTask):
             "zone": self.fail_distance - (state.p - goal.p).norm(),
         }
 
-    def done(self, state: State, goal: State) -> Field:
-        """Whether enough points have been seen."""
-        return self.reached(state, goal)
+    done = SingleTask.reached  # whether enough points have been seen
 
     def observation_terms(self, state: Any, goal: Any) -> tuple[ObservationTerm, ...]:
         """Vector to the target, direction of the sun (W), and the unseen points; agents rely on the order."""

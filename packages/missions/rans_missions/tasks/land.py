@@ -136,9 +136,7 @@ class Land(SingleTask):
             "tilt": state.attitude.rotate(up).z - cos(self.tilt_limit),
         }
 
-    def done(self, state: State, goal: State) -> Field:
-        """Whether the craft has landed: within both tolerances of the site."""
-        return self.reached(state, goal)
+    done = SingleTask.reached  # the craft has landed: within both tolerances of the site
 
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Vector to the site, vertical, the law's acceleration and time to go, propellant left.
