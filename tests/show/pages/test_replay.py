@@ -57,7 +57,7 @@ def test_a_browser_draws_it(tmp_path):
     flights = [thrusting(PLATFORM, rans.GoToPose()), thrusting(FLYER, rans.TrackVelocity())]
     with served({"/": replay_page(flights, "t").html()}) as (address, _):
         page = opened(f"{address}/", tmp_path)
-    assert re.findall(r'class="now">[\d.]+ (m|m/s) · [\d.]+ s open', page) == ["m", "m/s"]
+    assert re.findall(r'class="now">[\d.]+ (m|m/s) off · [\d.]+ thruster-s', page) == ["m", "m/s"]
 
 
 def test_a_replay_needs_no_drake_and_plays_by_itself(monkeypatch):
