@@ -200,9 +200,9 @@ def is_finite(value: object) -> bool:
         return False
 
 
-def positive(what: str, value: object) -> None:
+def positive(what: str, value: Any) -> None:
     """Reject (`ConfigError`) a value that is no finite number above 0."""
-    if not (is_finite(value) and fits(value, lambda x: x > 0)):
+    if not (is_finite(value) and value > 0):
         raise ConfigError(f"{what} must be a finite number above 0, got {brief(value)}.")
 
 

@@ -6,7 +6,6 @@ AGENT_FOLDER is what ``rans export RUN --format numpy --output AGENT_FOLDER`` wr
 those of ``rans fly`` (docs/robot/robots.md); ROS remaps them.
 """
 
-import json
 import sys
 import threading
 import time
@@ -22,6 +21,8 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosidl_runtime_py.utilities import get_message
+
+from rans.extend import read_contract
 
 READS = QoSProfile(
     history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
@@ -62,7 +63,7 @@ def main() -> int:
     robot = node.declare_parameter("robot", "ros").value
     goal = tuple(node.declare_parameter("goal", [0.0, 0.0, 0.0]).value)
     folder = Path(sys.argv[1]).resolve()
-    about = json.loads((folder / "contract.json").read_text("utf-8"))
+    about = read_contract(folder)
     plan = Plan(str(folder), {"name": about["task"], "settings": about["settings"]}, robot, goal)
     bag = Path(f"flight-{time.strftime('%Y%m%d-%H%M%S')}.mcap")
     threading.Thread(target=rclpy.spin, args=(node,), daemon=True).start()

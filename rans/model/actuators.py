@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, is_finite
 from rans.model.fields import Field, ascending, at_least, floor, where
 
 Command = Sequence[Field]
@@ -103,8 +103,7 @@ class Throttle(Actuators):
     def __post_init__(self) -> None:
         for key in ("least", "most"):
             value = getattr(self, key)
-            is_number = isinstance(value, int | float) and not isinstance(value, bool)
-            if not is_number or not 0.0 <= value <= 1.0:
+            if not is_finite(value) or not 0.0 <= value <= 1.0:
                 raise ConfigError(
                     f"{key} of throttle actuators must be a number from 0 to 1, a share of the full force, "
                     f"got {brief(value)}."

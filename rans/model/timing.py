@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
-from rans.errors import ConfigError, brief
+from rans.errors import ConfigError, brief, positive
 from rans.model.fields import Field
 
 _SHORTEST = 1e-6
@@ -45,32 +44,22 @@ class Timing:
 
     def __post_init__(self) -> None:
         period = self.control_period
-        if (
-            isinstance(period, bool)
-            or not isinstance(period, int | float)
-            or not 0 < period < math.inf
-        ):
-            raise ConfigError(f"control_period must be a finite number > 0 s, got {brief(period)}.")
+        positive("control_period", period)
         if not _SHORTEST <= period <= _LONGEST:
             raise ConfigError(
                 f"control_period must be from {_SHORTEST:g} to {_LONGEST:g} s, got {period:g} s; the usual cause "
                 "is a period in other units, or a rate in its place."
             )
         # Counts, and the largest of each.
-        for key in ("substeps", "episode_steps", "checks"):
+        most = {"substeps": MOST_SUBSTEPS, "episode_steps": MOST_STEPS, "checks": MOST_CHECKS}
+        for key, largest in most.items():
             value = getattr(self, key)
             if value is None and key == "substeps":
                 continue
             if isinstance(value, bool) or not isinstance(value, int) or value < 1:
                 raise ConfigError(f"{key} must be a whole number >= 1, got {brief(value)}.")
-        if self.substeps is not None and self.substeps > MOST_SUBSTEPS:
-            raise ConfigError(f"substeps must be <= {MOST_SUBSTEPS:,}, got {self.substeps:,}.")
-        if self.checks > MOST_CHECKS:
-            raise ConfigError(f"checks must be <= {MOST_CHECKS:,}, got {self.checks:,}.")
-        if self.episode_steps > MOST_STEPS:
-            raise ConfigError(
-                f"episode_steps must be <= {MOST_STEPS:,}, got {self.episode_steps:,}."
-            )
+            if value > largest:
+                raise ConfigError(f"{key} must be <= {largest:,}, got {value:,}.")
 
     def step(self, clock: Field) -> Field:
         """Control periods since the episode's start: the low bits of a clock (`rans.episode.Episode`)."""

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 import numpy as np
 
 from rans.display import Settings
-from rans.errors import ConfigError, NamedArguments, checked, fits, is_finite, one_of
+from rans.errors import ConfigError, NamedArguments, checked, is_finite, one_of
 from rans.model.body import Body, check_stores
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
@@ -396,7 +396,7 @@ def piecewise(values: Sequence[float], ends: Sequence[float], chance: Field) -> 
 
 
 _BOUNDS: tuple[tuple[str, Callable[[Any], Any], str], ...] = (
-    ("weight", lambda x: fits(x, lambda weight: 0 < weight < math.inf), "a finite number > 0"),
+    ("weight", lambda x: is_finite(x) and x > 0, "a finite number > 0"),
     ("body.mass body.inertia", lambda x: bounds(x)[0] >= 1e-9, ">= 1e-9"),
     (
         "thrusters.thrust thrusters.pressure",

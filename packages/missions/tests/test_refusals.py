@@ -70,7 +70,7 @@ ORBITS: list[tuple[Callable[[], Any], str]] = [
     (lambda: TargetOrbit(target_drag=-1e-6), "target_drag must be .* >= 0"),
     (lambda: TargetOrbit(target_drag=3.7), r"at most 0\.01 m/s.2, got 3\.7"),
     (lambda: TargetOrbit(target_drag=4e-6), "set ballistic_ratio too"),
-    (lambda: TargetOrbit(ballistic_ratio=0.0), r"ballistic_ratio must be .* > 0, got 0\.0"),
+    (lambda: TargetOrbit(ballistic_ratio=0.0), r"ballistic_ratio must be .* above 0, got 0\.0"),
     (lambda: TargetOrbit(0.1, 9000.0, oblate=True), "eccentricity is 0.1: leave out one"),
     (lambda: TargetOrbit(oblate=True, gravity_gradient=True), "oblate"),
     (lambda: check_gradient(PLATFORM), "in the plane"),

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.extend import ConfigError, Field, Scenario, brief, is_finite, sqrt
+from rans.extend import ConfigError, Field, Scenario, brief, positive, sqrt
 
 ObjectiveName = Literal["fuel", "time", "energy", "reward"]
 """What an optimal trajectory minimizes, see `rans_optimal.objectives`."""
@@ -54,8 +54,8 @@ class PathLimits:
 
     def __post_init__(self) -> None:
         for name, value in (("speed", self.speed), ("spin", self.spin)):
-            if value is not None and not (is_finite(value) and value > 0):
-                raise ConfigError(f"the largest {name} must be finite and > 0, got {value!r}.")
+            if value is not None:
+                positive(f"the largest {name}", value)
         for ball in self.keep_out:
             if len(ball) not in (3, 4) or not all(map(math.isfinite, ball)) or ball[-1] <= 0:
                 raise ConfigError(

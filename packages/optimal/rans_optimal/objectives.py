@@ -11,11 +11,10 @@ from rans.extend import (
     Spacecraft,
     Task,
     Transition,
-    brief,
-    is_finite,
     leaves,
     map_leaves,
     one_of,
+    positive,
     scenario,
     whole,
 )
@@ -66,11 +65,7 @@ class _GivenTime(ABC):
 
     def __post_init__(self) -> None:
         for name in ("horizon", "control_period"):
-            value = getattr(self, name)
-            if not (is_finite(value) and value > 0):
-                raise ConfigError(
-                    f"{self.kind}: {name} must be a finite number > 0 s, got {brief(value)}."
-                )
+            positive(f"{self.kind}: {name}", getattr(self, name))
         if self.horizon < self.control_period * (1.0 - 1e-9):
             raise ConfigError(
                 f"{self.kind}: horizon must be at least a control period of {self.control_period:g} s, got "

@@ -198,7 +198,7 @@ class MessagePilot:
         self.plan = plan
         self._link = link
         folder = Path(plan.folder)
-        self.contract = read_contract(folder, for_flight=True)
+        self.contract = read_contract(folder)
         self.craft = RunFolder(folder).spacecraft()
         self.period = float(self.contract["control_period"])
         self.oldest = float(self.contract["readings"]["oldest"])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_ch
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, is_finite
+from rans.errors import ConfigError, brief, positive
 from rans.model.dynamics import State
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, check_rigid
@@ -149,8 +149,7 @@ def check_finite(start: State, goal: State) -> None:
 
 def check_period(period: float) -> None:
     """Refuse (`ConfigError`) a time for which no command can be held."""
-    if not (is_finite(period) and period > 0):
-        raise ConfigError(f"a bound needs a finite control period > 0 s, got {period!r}.")
+    positive("the control period of a bound, s,", period)
 
 
 def check_certifiable(craft: Spacecraft, wheels: bool = False) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,17 @@ from typing import Any
 from rans.errors import ConfigError, brief, one_line, positive
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.user_policy import user_policy
-from rans.files import inside, read_json
+from rans.files import inside, read_json, read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
+from rans.model.timing import Timing
 from rans.policy.timing import timing_of_file
-from rans.structure import structure
+from rans.structure import LARGEST_TOML, structure
 from rans.tasks import TASKS, Task
 
 CONTRACT = "contract.json"
+FORMAT = 3
+"""Number of the form of contracts, which another meaning of a key makes another one."""
 
 
 def is_exported(folder: Path) -> bool:
@@ -24,34 +28,51 @@ def is_exported(folder: Path) -> bool:
     return (folder / CONTRACT).is_file() and not (folder / "config.json").exists()
 
 
-def read_contract(folder: Path, for_flight: bool = False) -> dict[str, Any]:
+def read_contract(folder: Path) -> dict[str, Any]:
     """Contract of an exported agent; what RANS reads of it is there, and of the right kind.
 
     Args:
         folder: folder of the export.
-        for_flight: whether a flight on a robot needs it, which reads more of it.
 
     Raises:
-        ConfigError: the file is missing or damaged.
+        ConfigError: the file is missing, damaged or of another format, or the spacecraft beside it is not the one
+            that it names.
     """
     file = inside(folder, CONTRACT)
     table = read_json(file)
     if not isinstance(table, dict):
         raise ConfigError(f"{file} is damaged: it must be a table, got {brief(table)}.")
-    kinds = {"task": str, "settings": dict}
-    if for_flight:
-        kinds |= {"agent": str, "readings": dict}
-    for key, kind in kinds.items():
-        if not isinstance(table.get(key), kind):
-            raise ConfigError(
-                f"{file} is damaged: {key} must be a {'name' if kind is str else 'table'}, got "
-                f"{brief(table.get(key))}."
-            )
-    if for_flight:
-        one_line(f"agent in {file}", table["agent"])
-    positive(f"control_period in {file}", table.get("control_period"))
-    if for_flight:
-        positive(f"readings.oldest in {file}", table["readings"].get("oldest"))
+    if (form := table.get("format")) != FORMAT:
+        raise ConfigError(
+            f"{file} is of format {brief(form)}, and this version of RANS reads format {FORMAT}: export the agent "
+            "again."
+        )
+    for kind, word, keys in (
+        (str, "name", ("task", "agent")),
+        (dict, "table", ("settings", "spacecraft", "readings")),
+        (list, "list", ("observation",)),
+    ):
+        for key in keys:
+            if not isinstance(table.get(key), kind):
+                raise ConfigError(
+                    f"{file} is damaged: {key} must be a {word}, got {brief(table.get(key))}."
+                )
+    # The spacecraft is that of the file beside it.
+    craft = table["spacecraft"]
+    beside = inside(folder, "spacecraft.toml")
+    own = hashlib.sha256(read_text(beside, LARGEST_TOML).encode()).hexdigest()
+    named = [craft.get(key) for key in ("file", "sha256")]
+    if named != [beside.name, own]:
+        raise ConfigError(
+            f"the spacecraft of {file} is {brief(named[0])} of the SHA-256 {brief(str(named[1])[:8])}, but "
+            f"{beside} has {own[:8]}: one of them was probably edited after the export, and the agent was made for "
+            "what was there before. Export it again."
+        )
+    if not table["observation"]:
+        raise ConfigError(f"{file} is damaged: its observation has no columns.")
+    one_line(f"agent in {file}", table["agent"])
+    positive(f"readings.oldest in {file}", table["readings"].get("oldest"))
+    structure({"control_period": table.get("control_period")}, Timing, str(file))
     return table
 
 

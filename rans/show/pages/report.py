@@ -91,12 +91,8 @@ def report_from_run(run: Path) -> Page:
             "write them."
         )
     # What made the run stands on top.
-    header = (
-        _read(run / "config.json", _header)
-        or _read(run / "validation.json", _header)
-        or _read(run / "compare.json", _header)
-        or {}
-    )
+    makers = ("config.json", "validation.json", "compare.json")
+    header = next(filter(None, (_read(run / name, _header) for name in makers)), {})
     sections += filter(None, [_read(run / "config.json", _configuration)])
     sections[:0] = _pictured(run)
     return Page(f"RANS: {run.resolve().name}", sections, header, sheet=True)

@@ -11,7 +11,6 @@ import onnx
 import pytest
 
 import rans
-from rans import ConfigError
 from rans.deploy.export import write_export
 from rans.pretrained import pretrained_folder
 
@@ -53,9 +52,3 @@ def test_a_network_for_a_batch_of_one_is_asked_row_by_row(folder, tmp_path):
     np.testing.assert_array_equal(
         single.fly(3).commands, rans.load_agent("go-to-pose-2d").fly(3).commands
     )
-
-
-def test_a_damaged_contract_is_a_sentence(folder, tmp_path):
-    (tmp_path / "contract.json").write_text('{"task": "go-to-pose"}')
-    with pytest.raises(ConfigError, match=r"contract\.json is damaged: settings must be a table"):
-        rans.load_agent(tmp_path)

@@ -21,6 +21,7 @@ from rans.extend import (
     brief,
     is_finite,
     largest,
+    positive,
 )
 from rans.model.body import numbers
 from rans_missions.slosh import swinging
@@ -107,8 +108,7 @@ class Slosh(Effector):
             ("the depth of the liquid", depth, "m"),
             ("the acceleration", acceleration, "m/s^2"),
         ):
-            if not is_finite(value) or value <= 0:
-                raise ConfigError(f"{name} must be a finite number > 0 {unit}, got {value!r}.")
+            positive(f"{name}, {unit},", value)
         if not is_finite(damping_ratio) or damping_ratio < 0:
             raise ConfigError(
                 f"the damping ratio must be a finite number >= 0, got {damping_ratio!r}."

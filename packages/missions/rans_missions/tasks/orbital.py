@@ -33,6 +33,7 @@ from rans.extend import (
     cos,
     is_finite,
     is_used,
+    positive,
     sin,
     where,
 )
@@ -147,8 +148,7 @@ class TargetOrbit(Settings):
                 "500 km, and a target with more than the bound falls out of its orbit. The usual cause is an "
                 "exponent that was left out."
             )
-        if not is_finite(ratio) or ratio <= 0.0:
-            raise ConfigError(f"ballistic_ratio must be a finite number > 0, got {ratio!r}.")
+        positive("ballistic_ratio", ratio)
         if drag and ratio == 1.0:
             raise ConfigError(
                 f"target_drag is {drag:g} m/s^2, but with a ballistic_ratio of 1 air slows craft and target down "
