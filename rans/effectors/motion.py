@@ -16,7 +16,7 @@ from rans.model.body import Body
 from rans.model.drift import FREE, Drift, Following
 from rans.model.dynamics import NODES, AnyState, Piece, Wrench, advance, between, undelayed
 from rans.model.fields import Field, at_least, fraction_of, where
-from rans.model.spacecraft import CommandRange, Spacecraft
+from rans.model.spacecraft import CommandRange, Spacecraft, Store
 from rans.model.timing import Timing
 
 _NO_SPIN = 1e-15
@@ -33,6 +33,11 @@ class ThrusterEffector(Effector):
     def commands(self) -> tuple[CommandRange, ...]:
         """Commands of the thrusters, one each."""
         return self.craft.commands[self.craft.thruster_commands]
+
+    @property
+    def stores(self) -> tuple[Store, ...]:
+        """No states."""
+        return ()
 
     def pieces(self, body: Body, command: Sequence[Field], period: float) -> Iterator[Piece]:
         """Pieces of a control period (s) in which thrusters follow their commands without delay."""

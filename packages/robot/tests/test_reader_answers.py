@@ -53,7 +53,7 @@ ANSWERS: Answers = {
     "read_csv": {
         "units": Answer(table(header=HEADER.replace(",x,", ",x (mm),")), "must be in m"),
         "frames": "columns of the world have their own names, and docs say which axes they are of",
-        "times": Answer(table(time=lambda k: 200.0 * k), "milliseconds"),
+        "times": Answer(table(time=lambda k: 200.0 * k), "times in ms"),
         "order": Answer(table(command="7"), "another order of columns"),
         "dropped": Answer(table(header=HEADER + ",u8", command="0,0"), "has the commands u8 too"),
         "sizes": Answer(table(header=HEADER + ",note", command="0," + "9" * 200_000), "line"),

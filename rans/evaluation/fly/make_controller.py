@@ -97,7 +97,7 @@ class CheckedController:
         Without the range checks of `act`, since fields have no values.
         """
         with named(
-            f"`command` of {self._who} is no arithmetic on fields, as functions of tasks are (docs/own_task.md)"
+            f"`command` of {self._who}, which must be arithmetic on fields (docs/own_task.md), failed"
         ):
             return tuple(self._made.command(state, goal))
 

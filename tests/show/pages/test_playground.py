@@ -281,8 +281,8 @@ class Refusing(PD):
     ("who", "why"),
     [
         ("lqr:go-to-pose-2d", "no trained agent"),
-        (f"{__name__}:Branching:go-to-pose-2d", "`command` of .*Branching.* is no arithmetic"),
-        (f"{__name__}:Refusing:go-to-pose-2d", "^it is dark"),
+        (f"{__name__}:Branching:go-to-pose-2d", "`command` of .*Branching.* must be arithmetic"),
+        (f"{__name__}:Refusing:go-to-pose-2d", "Refusing.* it is dark"),
     ],
 )
 def test_others_are_refused_in_a_sentence(who, why):
