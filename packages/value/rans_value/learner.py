@@ -90,9 +90,9 @@ _GAIN = 8.0
 _RATES = (1.0, 0.02, 0.4, 0.008)
 """Step sizes, of the first, with which imitation and learning from flights begin and end."""
 _ROLLOUTS = 2
-"""Rollouts of such flights in an iteration."""
+"""Rollouts of the policy in an iteration in which it learns from its own flights."""
 _STEPS = 48
-"""Gradient steps on them."""
+"""Gradient steps of the policy on the flights of an iteration: three passes over them."""
 _TRACE = 0.9
 """Weight of what the next period costs more than the values expected, over that of the present one."""
 _LEFT = 2.0
@@ -387,7 +387,7 @@ class ValueLearner:
         else:
             if self._labels:
                 self._labels, self._batch = [], []
-            flights = self._tried()
+            flights = self._flown_by_policy()
             norm = self._steps(self._improvement, flights, self._own.batch, _STEPS)
         result = torch.stack((loss, self._flights[-1][1].mean(), norm))
         return torch.cat((result, self.adam.rate[None], self.rollout.totals()))
@@ -573,10 +573,11 @@ class ValueLearner:
         return self.adam.descend(loss, math.inf, self.engine.processes)
 
     @torch.no_grad()
-    def _tried(self) -> list[Tensor]:
+    def _flown_by_policy(self) -> list[Tensor]:
         """Fly by random commands of the policy.
 
-        Columns seen, commands, their log-probabilities, and how much less than the values expected they cost.
+        Returns columns that the network saw, (T N, columns), commands in its order of thrusters, (T N, n), their
+        log-probabilities, and how much less than the value function expects they cost, of unit deviation, (T N,).
         """
         engine = self.engine
         network = self.network

@@ -422,7 +422,7 @@ def test_commands_that_cost_less_than_expected_gain(monkeypatch):
     made = learner()
     state = made.states()
     order = made.network.look(made.network.in_body(made.engine.observe()))[2]
-    _, action, _, gain = made._tried()
+    _, action, _, gain = made._flown_by_policy()
     command = action[:64] if order is None else action[:64].gather(1, order)
     less = made.average(state) - made.greedy.outcomes(state, command[None])[0, 0]
     assert torch.stack((less, gain[:64])).corrcoef()[0, 1] > 0.5  # whatever their prices are

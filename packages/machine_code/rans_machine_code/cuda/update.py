@@ -16,7 +16,7 @@ from rans_machine_code.cuda.source import Lines, indented
 from rans_machine_code.loss_gradient import STATISTICS, d_logit, opening_term, transition_losses
 
 _THREADS = 128
-"""Of a block; update.cuh has it too."""
+"""Threads of a block of the kernels; the launch bounds in update.cuh are the same number."""
 _MOST = 2**16
 """Threads among which transitions are divided, to hide the latency of memory; of activations twice as many."""
 
