@@ -17,7 +17,6 @@ from rans.lazy import homes
 
 if TYPE_CHECKING:
     from rans.api.judging import SpacecraftLike as SpacecraftLike
-    from rans.api.names import load_spacecraft as load_spacecraft
     from rans.cli.door import POSE as POSE
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
@@ -83,6 +82,7 @@ if TYPE_CHECKING:
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
+    from rans.fast.learn.config import craft_of as craft_of
     from rans.fast.learn.graph import fused as fused
     from rans.fast.learn.rollout import Acted as Acted
     from rans.fast.learn.rollout import Batch as Batch

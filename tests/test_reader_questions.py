@@ -7,6 +7,7 @@ is whether what it says is read, or refused: a new reader without answers fails 
 from __future__ import annotations
 
 import ast
+import hashlib
 import json
 import re
 import shutil
@@ -98,8 +99,26 @@ def policy(change: Callable[[dict[str, Any]], object]) -> Any:
 
 
 def contract(**changed: object) -> Any:
-    about = {"task": "go-to-pose", "settings": {}, "control_period": 0.2} | changed
-    return written("contract.json", json.dumps(about), lambda file: read_contract(file.parent))
+    hashed = hashlib.sha256(PLATFORM.encode()).hexdigest()
+    about = {
+        "format": 3,
+        "task": "go-to-pose",
+        "agent": "mine",
+        "settings": {},
+        "control_period": 0.2,
+        "readings": {"oldest": 0.02},
+        "observation": [{}],
+        "spacecraft": {"file": "spacecraft.toml", "sha256": hashed},
+    }
+
+    def plant(folder: Path) -> Callable[[], object]:
+        (folder / "spacecraft.toml").write_text(PLATFORM)
+        read_contract(written("contract.json", json.dumps(about), Path)(folder)().parent)
+        return written(
+            "contract.json", json.dumps(about | changed), lambda file: read_contract(file.parent)
+        )(folder)
+
+    return plant
 
 
 def network(width: int = 10, memory: bool = False) -> Any:

@@ -45,7 +45,7 @@ class A2CLearner:
         self.settings = settings
         self.n_steps = settings.n_steps
         self.rollout = Rollout(engine, network, settings.n_steps)
-        self.adam = Adam(network, settings.learning_rate, plain)
+        self.adam = Adam(network, settings.learning_rate)
         self._generator = generator
 
     def slow_down(self, remaining: float) -> None:

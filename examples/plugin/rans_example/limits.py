@@ -4,6 +4,7 @@ from typing import Any
 
 import numpy as np
 
+from rans import load_spacecraft
 from rans.extend import (
     EVALUATION_SEED,
     Bound,
@@ -17,7 +18,6 @@ from rans.extend import (
     Table,
     Terminal,
     command_of,
-    load_spacecraft,
     scenarios,
 )
 from rans_example.task import KeepDistance

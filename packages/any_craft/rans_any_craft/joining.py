@@ -10,8 +10,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rans import load_spacecraft
 from rans.api.drafting import Draft
-from rans.extend import ConfigError, Spacecraft, brief, counted, load_spacecraft
+from rans.extend import ConfigError, Spacecraft, brief, counted
 
 
 class Lump(NamedTuple):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rans import load_conditions
+from rans import load_conditions, load_spacecraft
 from rans.api.agent_data import AgentData
 from rans.api.judging import CRAFT, ConditionsLike
 from rans.api.names import conditions_if_named
@@ -21,7 +21,6 @@ from rans.extend import (
     ConfigError,
     Spacecraft,
     SpacecraftLike,
-    load_spacecraft,
     whole,
 )
 from rans.files import made_by, writing_at_end

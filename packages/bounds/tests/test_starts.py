@@ -180,8 +180,8 @@ def test_a_bound_does_not_depend_on_the_clock(monkeypatch):
     [
         ({"horizon": 10.1}, r"whole control periods of 0\.2 s, got 10\.1 s"),
         ({"horizon": math.nan}, "whole control periods"),
-        ({"period": 0.0}, r"control period > 0 s, got 0\.0"),
-        ({"period": math.nan}, "control period > 0 s"),
+        ({"period": 0.0}, r"control period .* above 0, got 0\.0"),
+        ({"period": math.nan}, "control period .* above 0"),
     ],
 )
 def test_times_that_bound_nothing(changes, sentence):

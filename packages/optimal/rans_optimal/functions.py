@@ -7,6 +7,7 @@ from dataclasses import fields
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
+from rans import load_spacecraft
 from rans.api.states import WrittenEndpoints
 from rans.extend import (
     EVALUATION_SEED,
@@ -21,7 +22,6 @@ from rans.extend import (
     brief,
     certificates,
     each,
-    load_spacecraft,
     one_of,
     scenarios,
     settled_alone,

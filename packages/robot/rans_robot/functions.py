@@ -14,6 +14,7 @@ from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from rans import load_spacecraft
 from rans.api.states import read_state, read_zones
 from rans.extend import (
     ConfigError,
@@ -21,7 +22,6 @@ from rans.extend import (
     SpacecraftLike,
     Terminal,
     brief,
-    load_spacecraft,
     positive,
     ready_folder,
     settled_alone,

@@ -23,8 +23,9 @@ from rans_robot.frames import Motion, quaternion_of, swapped
 from rans_robot.px4.export import write_px4
 from rans_robot.twin import Craft, TwinPlan
 
+from rans import load_spacecraft
 from rans.deploy.export import write_export
-from rans.extend import ConfigError, Ports, Program, load_spacecraft
+from rans.extend import ConfigError, Ports, Program
 from rans.pretrained import pretrained_folder
 from rans.registry import typed
 

@@ -40,8 +40,8 @@ from rans.extend import (
     State,
     Timing,
     TrainConfig,
+    craft_of,
     fused,
-    load_spacecraft,
     read_json,
     remember,
     whole,
@@ -927,7 +927,7 @@ class Value(Algorithm):
     def started(cls, config: TrainConfig) -> TrainConfig:
         """Config with hyper-parameters known to work."""
         is_small = config.device.startswith("cpu")
-        flies = _learns_from_flights(load_spacecraft(config.spacecraft))
+        flies = _learns_from_flights(craft_of(config))
         sizes: Any = _SMALL_POLICY if is_small else {"n_envs": _ENVS[flies]}
         ppo = replace(config.ppo, **_POLICY | sizes)
         learner = config.learner | (_SMALL if is_small else {})

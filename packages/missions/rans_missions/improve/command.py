@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
+from rans import load_spacecraft
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -19,7 +20,6 @@ from rans.extend import (
     Terminal,
     command_of,
     counted,
-    load_spacecraft,
     progress,
     ready_folder,
     stages,

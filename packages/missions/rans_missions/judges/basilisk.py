@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rans import load_spacecraft
 from rans.extend import (
     TASKS,
     Quat,
@@ -24,7 +25,6 @@ from rans.extend import (
     Timing,
     Vec3,
     fly,
-    load_spacecraft,
     map_leaves,
     read_json,
 )

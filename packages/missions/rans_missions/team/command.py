@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from rans import load_spacecraft
 from rans.extend import (
     EVALUATION_SEED,
     Options,
@@ -16,7 +17,6 @@ from rans.extend import (
     command_of,
     fly,
     impulses,
-    load_spacecraft,
     map_leaves,
     progress,
     scenarios,

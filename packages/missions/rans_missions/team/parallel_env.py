@@ -10,8 +10,9 @@ import numpy as np
 import torch
 from gymnasium import spaces
 
+from rans import load_spacecraft
 from rans.environment import within
-from rans.extend import Engine, action_space, load_spacecraft, observation_space
+from rans.extend import Engine, action_space, observation_space
 from rans_missions.team.task import InspectTeam
 
 # By name: types are checked also where it is not installed.

@@ -6,7 +6,8 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from rans.extend import POSE, Options, Terminal, command_of, load_spacecraft, word
+from rans import load_spacecraft
+from rans.extend import POSE, Options, Terminal, command_of, word
 from rans_robot.functions import twin
 
 
