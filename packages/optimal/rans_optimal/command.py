@@ -59,9 +59,8 @@ class Optimal(Options):
     """Compute optimal trajectories with partly open thrusters, and fly them in Drake.
 
     The trajectories are references: thrusters may open partly, so they are neither controllers nor
-    certificates. Writes optimal.json (with residuals of the optimality conditions), optimal.npz (with
-    multipliers), optimal.csv and optimal.html, a replay. The exit code is 1 if a start has no
-    trajectory that Drake flies.
+    certificates. Writes optimal.json, optimal.npz, optimal.csv and optimal.html, a replay. The exit code is
+    1 if a start has no trajectory that Drake flies.
 
     For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
     lower bound from a conic program and a flight in both engines, start by start. These missions and landings

@@ -21,8 +21,6 @@ from rans.extend import (
     each,
     fly,
     leaves,
-    map_leaves,
-    one_of,
 )
 from rans_optimal.optima import Optimum, episode
 from rans_optimal.transcription import Trajectory
@@ -46,27 +44,18 @@ class ControlHistory(ABC):
     def period(self) -> float:
         """Time that a command is held, s."""
 
-    @abstractmethod
-    def _flown(self, in_drake: bool) -> Flight:
-        """The flight in Drake, or by our equations."""
-
     @property
     def t(self) -> np.ndarray:
         """(T + 1,) times, s."""
         return np.arange(len(self.u) + 1) * self.period
 
-    def replay(self, engine: str = "drake") -> Flight:
-        """The commands flown from the same start, in Drake ("drake") or by our equations ("fast").
-
-        Raises:
-            ConfigError: there is no such engine, or there are no commands.
-        """
-        one_of("engine", engine, ("fast", "drake"))
-        return self._flown(engine == "drake")
+    @abstractmethod
+    def replay(self) -> Flight:
+        """The commands flown by Drake from the same start; `ConfigError` where there are none."""
 
     def plot(self) -> Any:
         """A figure of path, errors and commands; `ConfigError` where nothing was found."""
-        return self.replay("drake").plot()
+        return self.replay().plot()
 
     def view(self) -> Replay:
         """A page that replays the commands in three dimensions, flown by Drake; see `rans.view`.
@@ -74,12 +63,12 @@ class ControlHistory(ABC):
         Raises:
             ConfigError: there are no commands.
         """
-        flight = self.replay("drake")
+        flight = self.replay()
         return Replay([flight], f"{flight.controller}, {flight.craft.name}")
 
     def to_csv(self, file: str | Path) -> Path:
         """Write the flight in Drake, see `rans.flight.Flight.to_csv`, and return the file."""
-        return self.replay("drake").to_csv(file)
+        return self.replay().to_csv(file)
 
 
 @dataclass(frozen=True, repr=False)
@@ -87,8 +76,8 @@ class OptimalTrajectory(Optimum, ControlHistory):
     """An optimal trajectory with thrust between 0 and 1, flown in Drake; `rans.optimal_trajectory` returns it.
 
     >>> found = rans.optimal_trajectory("go-to-pose", objective="time", intervals=20)
-    >>> found.t.shape, found.x.shape, found.u.shape, found.multipliers.shape
-    ((21,), (21, 6), (20, 8), (20, 6))
+    >>> found.t.shape, found.x.shape, found.u.shape
+    ((21,), (21, 6), (20, 8))
     """
 
     keep_out: tuple[tuple[float, ...], ...] = ()
@@ -96,7 +85,7 @@ class OptimalTrajectory(Optimum, ControlHistory):
 
     def plot(self) -> Any:
         """As `ControlHistory.plot`, with the balls of ``keep_out`` around the goal at the end."""
-        return self.replay("drake").plot(zones=self.keep_out)
+        return self.replay().plot(zones=self.keep_out)
 
     @property
     def period(self) -> float:
@@ -118,28 +107,11 @@ class OptimalTrajectory(Optimum, ControlHistory):
         """Either "solved", or the reason why there is no solution."""
         return self.sentence
 
-    @property
-    def multipliers(self) -> np.ndarray:
-        """(T, k) costates: how much the cost falls with a unit more of the state after each period.
-
-        See `rans_optimal.transcription.Optimality`, which also has the residuals of the optimality
-        conditions; `ConfigError` where nothing was found.
-        """
-        if self.trajectory.optimality is None:
-            raise ConfigError(f"there are no multipliers: {self.sentence}.")
-        return self.trajectory.optimality.costates
-
-    def _flown(self, in_drake: bool) -> Flight:
-        """The flight in Drake, or by our equations; `ConfigError` where there is no trajectory."""
-        flight = self.flight
-        if flight is None:
+    def replay(self) -> Flight:
+        """The flight in Drake; `ConfigError` where there is no trajectory."""
+        if self.flight is None:
             raise ConfigError(f"there is no trajectory to fly: {self.sentence}.")
-        if in_drake:
-            return flight
-        first = map_leaves(lambda x: x[0], flight.states)
-        goal = map_leaves(lambda x: x[0] if np.ndim(x) == 2 else x, flight.goals)
-        commands = _OpenLoop(flight.controller, flight.commands)
-        return fly(flight.craft, flight.task, commands, Scenario(first, goal), flight.timing)
+        return self.flight
 
 
 @dataclass(frozen=True, repr=False)
@@ -178,43 +150,46 @@ class CertifiedBound(Bound, ControlHistory):
     @property
     def x(self) -> np.ndarray:
         """(T + 1, k) states, as the engines' equations fly the commands; see `ControlHistory.x`."""
-        states = self.replay("fast").states
-        return np.stack([np.asarray(leaf)[:, 0] for leaf in leaves(states)], axis=-1)
-
-    def _flown(self, in_drake: bool) -> Flight:
-        """The flight in Drake, or by our equations; `ConfigError` where no commands were found."""
         assert self.craft is not None
         assert self.task is not None
         assert self.scenario is not None
-        commands = self.u
-        label = f"certified {self.event.text}"
-        timing = Timing(control_period=self.control_period, episode_steps=len(commands))
-        if not in_drake:
-            open_loop = _OpenLoop(label, commands[:, None])
-            return fly(self.craft, self.task, open_loop, self.scenario, timing)
-        (scenario,) = each(self.scenario)
+        open_loop = _OpenLoop(self.u)
+        states = fly(self.craft, self.task, open_loop, self.scenario, self._timing).states
+        return np.stack([np.asarray(leaf)[:, 0] for leaf in leaves(states)], axis=-1)
+
+    @property
+    def _timing(self) -> Timing:
+        """The commands, one a control period, from the first to the last."""
+        return Timing(control_period=self.control_period, episode_steps=len(self.u))
+
+    def replay(self) -> Flight:
+        """The flight in Drake; `ConfigError` where no commands were found."""
+        assert self.craft is not None
+        assert self.task is not None
+        assert self.scenario is not None
         path = Trajectory(
-            objective=label,
+            objective=f"certified {self.event.text}",
             status="",
             solved=True,
             cost=self.upper,
             states=None,
-            commands=commands,
+            commands=self.u,
             control_period=self.control_period,
             iterations=0,
             seconds=self.seconds,
         )
-        return episode(self.craft, self.task, timing, scenario, path)
+        (scenario,) = each(self.scenario)
+        return episode(self.craft, self.task, self._timing, scenario, path)
 
 
 class _OpenLoop:
-    """Commands that were chosen beforehand, as a controller."""
+    """Commands (T, thrusters) that were chosen beforehand, as a controller."""
 
+    name = "certified"
     observes = False
 
-    def __init__(self, name: str, commands: np.ndarray) -> None:
-        self.name = name
-        self._commands = commands
+    def __init__(self, commands: np.ndarray) -> None:
+        self._commands = commands[:, None]
         self._step = 0
 
     def reset(self, count: int) -> None:

@@ -94,7 +94,6 @@ class Optimum:
         """
         path = self.trajectory
         result = 1.0 if path.solved else math.nan
-        kkt = path.optimality
         return {
             "start": self.start,
             "status": path.status,
@@ -108,9 +107,6 @@ class Optimum:
             "attempts": path.attempts,
             "agreeing": path.agreeing,
             "optima": path.optima,
-            "stationarity": math.nan if kkt is None else kkt.stationarity,
-            "feasibility": math.nan if kkt is None else kkt.feasibility,
-            "complementarity": math.nan if kkt is None else kkt.complementarity,
             "errors": self.errors,
         }
 
@@ -281,8 +277,7 @@ def write(
     """Write optimal.json, the answers, and the trajectories, if there are some, as optimal.npz and optimal.csv.
 
     The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names, ``commands``
-    (N, T, thrusters), ``control_period`` (N,), ``costates`` (N, T, leaves) and ``command_multipliers`` (N, T,
-    thrusters), see `rans_optimal.transcription.Optimality`; NaN where a problem was not solved.
+    (N, T, thrusters) and ``control_period`` (N,); NaN where a problem was not solved.
     ``starts`` and ``goals`` (N, fields) are the scenarios, with the notes of the task. spacecraft.toml is the
     spacecraft.
     optimal.csv has a row for every instant of the trajectories that were solved, with the commands of the
@@ -305,8 +300,6 @@ def write(
             "states": solved * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
             "commands": solved * np.stack([p.commands for p in paths]),
             "control_period": np.array([p.control_period for p in paths]),
-            "costates": np.stack([_multipliers(p)[0] for p in paths]),
-            "command_multipliers": np.stack([_multipliers(p)[1] for p in paths]),
             "leaves": np.array(_names(paths[0].states)),
             "starts": np.stack(leaves(starts.start), axis=-1),
             "goals": np.stack(leaves(starts.goal), axis=-1),
@@ -327,14 +320,6 @@ def _names(states: Any) -> list[str]:
         return ["p.x", "p.y", "heading", "v.x", "v.y", "w"]
     vectors = [f"{name}.{axis}" for name in "pvw" for axis in "xyz"]
     return [*vectors[:3], "q.w", "q.x", "q.y", "q.z", *vectors[3:]]
-
-
-def _multipliers(path: Trajectory) -> tuple[np.ndarray, np.ndarray]:
-    """Costates and multipliers of the commands' bounds, NaN without a solution."""
-    if path.optimality is None:
-        width = len(leaves(path.states))
-        return np.full((len(path.commands), width), np.nan), np.full_like(path.commands, np.nan)
-    return path.optimality.costates, path.optimality.command_multipliers
 
 
 def _csv(answers: Sequence[Optimum]) -> str:

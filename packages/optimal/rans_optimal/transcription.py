@@ -78,76 +78,6 @@ _COMMAND_GUESS = 0.3
 
 
 @dataclass(frozen=True)
-class Optimality:
-    """How well a solution fulfils the Karush-Kuhn-Tucker conditions of its problem, and its multipliers.
-
-    The conditions are those of the whole nonlinear program: minimise f(x) with lower <= (x, g(x)) <= upper. A
-    multiplier is positive where an upper bound is active, negative at a lower one (CasADi's sign).
-    """
-
-    stationarity: float
-    """Largest entry of grad f + grad g' lam_g + lam_x."""
-    feasibility: float
-    """By how much a variable or a constraint exceeds a bound at most."""
-    complementarity: float
-    """Largest product of a multiplier and the distance from the bound that it belongs to."""
-    costates: np.ndarray
-    """(T, leaves of the state) multipliers of the motion over each period: by how much the cost falls with a unit
-    more, in SI units, of the state that it leads to."""
-    command_multipliers: np.ndarray
-    """(T, thrusters) multipliers of the bounds of the commands."""
-
-    @classmethod
-    def of(
-        cls,
-        solver: ca.Function,
-        problem: dict[str, np.ndarray],
-        parameters: Sequence[float],
-        solution: dict[str, Any],
-        rows: tuple[int, int, int],
-    ) -> Optimality:
-        """Of a solution of `nlpsol`, from its own derivatives at the point where it ended.
-
-        Args:
-            solver: the solver.
-            problem: bounds that it was called with.
-            parameters: values of its parameters.
-            solution: what it answered.
-            rows: variables of a period: commands, wrench, state.
-        """
-        # Stationarity: the gradient of the Lagrangian with the multipliers of bounds (x) and constraints (g).
-        x = np.array(solution["x"]).ravel()
-        multipliers = [np.array(solution[name]).ravel() for name in ("lam_x", "lam_g")]
-        _, slope = solver.get_function("nlp_grad_f")(x, parameters)
-        values, jacobian = solver.get_function("nlp_jac_g")(x, parameters)
-        gradient = np.array(slope).ravel() + multipliers[0]
-        gradient = gradient + np.array(jacobian.T @ ca.DM(multipliers[1])).ravel()
-        # Feasibility and complementarity: how far values lie beyond their bounds, and each multiplier times the
-        # distance from the bound that its sign belongs to.
-        excess = []
-        products = []
-        for value, multiplier, name in (
-            (x, multipliers[0], "x"),
-            (np.array(values).ravel(), multipliers[1], "g"),
-        ):
-            below = value - problem[f"lb{name}"]
-            above = problem[f"ub{name}"] - value
-            excess += [-below, -above]
-            distance = np.abs(np.where(multiplier > 0, above, below))
-            products.append(np.where(np.isfinite(distance), distance, 0.0) * np.abs(multiplier))
-        # Multipliers by period; variables end with the time.
-        nozzles, _, width = rows
-        count = (len(x) - 1) // sum(rows)
-        return cls(
-            float(np.abs(gradient).max()),
-            float(max(0.0, *(gap.max(initial=0.0) for gap in excess))),
-            float(max(product.max(initial=0.0) for product in products)),
-            multipliers[1][: count * width].reshape(count, width),
-            multipliers[0][:-1].reshape(count, -1)[:, :nozzles],
-        )
-
-
-@dataclass(frozen=True)
 class Trajectory:
     """Trajectory that the optimiser ended with, solved or not."""
 
@@ -174,8 +104,6 @@ class Trajectory:
     """Guesses that led to this cost."""
     optima: int = 1
     """Local optima of different costs that the guesses led to."""
-    optimality: Optimality | None = None
-    """Residuals and multipliers of the problem that was solved; None where none was."""
 
 
 def usual_guesses(craft: Spacecraft, task: Task, objective: Objective) -> int:
@@ -411,11 +339,7 @@ class Transcription:
             parameters = [*leaves(start), *leaves(goal), corner]
             solution, statistics = solution_of(self._solver, p=parameters, **problem)
             seconds = time.perf_counter() - begun
-            trajectory = self._trajectory(solution, statistics, start, goal, seconds)
-            if trajectory.solved:
-                optimality = Optimality.of(self._solver, problem, parameters, solution, self._rows)
-                trajectory = replace(trajectory, optimality=optimality)
-            results.append(trajectory)
+            results.append(self._trajectory(solution, statistics, start, goal, seconds))
             if not results[-1].solved:
                 break
             problem["x0"] = np.array(solution["x"]).ravel()
