@@ -13,8 +13,7 @@ static int votes = 0;
 using std::abs; using std::floor; using std::sqrt; using std::atan2;
 
 struct Index { unsigned x; };
-extern "C" { Index blockIdx{0}; }
-static Index threadIdx{0}, blockDim{1}, gridDim{1};
+extern "C" { Index threadIdx{0}, blockIdx{0}, blockDim{1}, gridDim{1}; }
 
 template <class T> T max(T a, T b) { return a > b ? a : b; }
 template <class T> T min(T a, T b) { return a < b ? a : b; }

@@ -7,14 +7,15 @@ import functools
 import shutil
 import subprocess
 import tempfile
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import nullcontext
 from ctypes import CDLL, c_int, c_uint, c_void_p
 from pathlib import Path
 from typing import Any
 
 import pytest
 import torch
-from rans_machine_code.cuda.step import Kernel
+from rans_machine_code.cuda import preprocessor, step, update
 
 from rans import Engine
 from rans.compile.step_program import trace_step
@@ -30,50 +31,41 @@ SEED = 2**40 + 5
 """Both its words differ from zero."""
 
 
-class HostKernel(Kernel):
-    """A kernel made by a C++ compiler.
+class HostFunction:
+    """A `rans_machine_code.cuda.launch.Function` made by a C++ compiler, whose threads run one after the other."""
 
-    Args:
-        engine: on the CPU, with torch's fields.
-        folder: for what the compiler reads and writes.
-    """
+    def __init__(self, text: str, name: str, *_: Any) -> None:
+        self._library = _compiled(text)
+        self._function = self._library[name]
 
-    def __init__(self, engine: Engine, folder: Path) -> None:
-        program = trace_step(engine._world, engine.episode, engine.dtype)
-        super().__init__(program, engine._draws)
-        self._folder = folder
-        self._libraries: dict[torch.dtype | None, CDLL] = {}
-
-    def _launch(
-        self,
-        action: torch.dtype | None,
-        pointers: list[int],
-        numbers: tuple[int, ...],
-        together: int,
+    def launch(
+        self, blocks: int, threads: int, pointers: Sequence[int], numbers: Sequence[int]
     ) -> None:
-        if action not in self._libraries:
-            path = self._folder / str(action).removeprefix("torch.")
-            self._libraries[action] = compiled_on_host(self.source(action), path)
-        name = "step" if action else "observe"
-        run_on_host(self._libraries[action], name, numbers[0], pointers, numbers)
+        """As on a GPU."""
+        count, size, block, thread = (
+            c_uint.in_dll(self._library, name)
+            for name in ("gridDim", "blockDim", "blockIdx", "threadIdx")
+        )
+        count.value, size.value = blocks, threads
+        arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
+        for block.value in range(blocks):
+            for thread.value in range(threads):
+                self._function(*arguments)
 
 
-def run_on_host(
-    library: CDLL, name: str, threads: int, pointers: Iterable[int], numbers: Iterable[int]
-) -> None:
-    """One thread of a kernel after the other."""
-    index = c_uint.in_dll(library, "blockIdx")
-    arguments = (*map(c_void_p, pointers), *map(c_int, numbers))
-    for index.value in range(threads):
-        library[name](*arguments)
+def launch_on_host(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Launch kernels of tensors on a CPU as `HostFunction`."""
+    for module in (preprocessor, step, update):
+        monkeypatch.setattr(module, "Function", HostFunction)
+    monkeypatch.setattr(torch.cuda, "device", lambda _: nullcontext())
+    monkeypatch.setattr(torch.cuda, "get_device_capability", lambda: None)
 
 
-def compiled_on_host(text: str, path: Path) -> CDLL:
-    """The library of a kernel's text, whose threads are a block each."""
-    path.with_suffix(".cpp").write_text(f'#include "{_header()}"\n{text}')
-    subprocess.run(
-        [*COMMAND, "-shared", "-o", path.with_suffix(".so"), path.with_suffix(".cpp")], check=True
-    )
+@functools.cache
+def _compiled(text: str) -> CDLL:
+    path = Path(tempfile.mkdtemp(dir=_header().parent)) / "kernel.cpp"
+    path.write_text(f'#include "{_header()}"\n{text}')
+    subprocess.run([*COMMAND, "-shared", "-o", path.with_suffix(".so"), path], check=True)
     return CDLL(str(path.with_suffix(".so")))
 
 
@@ -114,12 +106,14 @@ def compare(
 
 
 @pytest.fixture(name="on_host")
-def engine_on_host(tmp_path: Path) -> Iterator[Callable[..., Engine]]:
+def engine_on_host(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., Engine]]:
     """Makes engines on the CPU that step by their kernel."""
+    launch_on_host(monkeypatch)
 
     def make(*args: Any, **kwargs: Any) -> Engine:
         engine = Engine(*args, compiled=True, **kwargs)
-        engine._kernel = HostKernel(engine, tmp_path)
+        program = trace_step(engine._world, engine.episode, engine.dtype)
+        engine._kernel = step.Kernel(program, engine._draws)
         return engine
 
     with torch.compiler.set_stance("force_eager"):

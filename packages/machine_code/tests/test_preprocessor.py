@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import tempfile
 from dataclasses import replace
-from functools import cached_property
-from pathlib import Path
 from typing import Any, cast
 
 import pytest
@@ -16,30 +13,11 @@ from rans_machine_code.preprocessor import CpuPreprocessor
 from rans import TASKS, Engine
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import FilterSettings, PPOSettings
-from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from tests.support.engines import FLYER, PLATFORM
-from tests.support.host_kernels import compiled_on_host, needs_compiler, run_on_host
+from tests.support.host_kernels import launch_on_host, needs_compiler
 
 pytestmark = needs_compiler
-
-
-class HostLook(CudaPreprocessor):
-    """Its kernels made by a C++ compiler."""
-
-    def __init__(self, architecture: Architecture, plain: Any) -> None:
-        super().__init__(architecture, plain, torch.zeros(0, dtype=torch.float64))
-
-    @cached_property
-    def _functions(self) -> Any:
-        folder = Path(tempfile.mkdtemp())
-        return [
-            compiled_on_host(text, folder / f"rows_{i}")
-            for i, text in enumerate(self.sources() or ())
-        ]
-
-    def _launch(self, number: int, pointers: list[int], numbers: list[int]) -> None:
-        run_on_host(self._functions[number], "rows", numbers[0], pointers, numbers)
 
 
 @pytest.mark.parametrize(
@@ -56,9 +34,8 @@ class HostLook(CudaPreprocessor):
     ],
     ids=lambda x: getattr(x, "name", str(x)),
 )
-def test_programs_see_and_filter_as_torch_does(dtype, task, filters, craft, tmp_path, monkeypatch):
+def test_programs_see_and_filter_as_torch_does(dtype, task, filters, craft, monkeypatch):
     """In three steps of flight, from the same side."""
-    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
     engine = Engine(craft, TASKS[task](), 64, seed=3, dtype=dtype)
     settings = PPOSettings(n_envs=64, symmetric=TASKS[task].symmetric and filters != ())
     if filters is not None:
@@ -66,8 +43,11 @@ def test_programs_see_and_filter_as_torch_does(dtype, task, filters, craft, tmp_
     given = architecture_of(engine, settings)
     tensors = {name: x.to(dtype) for name, x in given.initial(0, 0.5)[0].items()}
     ours, theirs = (Network(given, tensors) for _ in range(2))
-    kind = CpuPreprocessor if dtype == torch.float32 else HostLook
-    programs: Any = kind(given, cast("Any", theirs._preprocessor))
+    plain = cast("Any", theirs._preprocessor)
+    programs: Any = CpuPreprocessor(given, plain)
+    if dtype == torch.float64:
+        launch_on_host(monkeypatch)
+        programs = CudaPreprocessor(given, plain, tensors["value_net.weight"])
     ours._preprocessor = programs
     assert ours.in_body(engine.observe().requires_grad_()).requires_grad
     if filters is None:
