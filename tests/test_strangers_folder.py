@@ -58,22 +58,6 @@ def test_python_m_rans(folder):
     assert "floating-platform" in imported_in(folder, "-m", "rans", "list", "SPACECRAFT")
 
 
-WORKERS = """
-import sys
-from rans.processes import Processes
-with Processes(1) as pool:
-    print(pool.submit(int, "7").result())
-"""
-
-
-@pytest.mark.slow
-def test_worker_processes(folder, tmp_path):
-    """Nor does the process that multiprocessing starts to keep account of what is shared."""
-    script = tmp_path / "script.py"
-    script.write_text(WORKERS)
-    assert "7" in imported_in(folder, script)
-
-
 TYPED = """
 from rans.processes import Workers
 from rans.registry import resolve_typed
@@ -83,6 +67,7 @@ print(*Workers(int, (), 2).ordered(act, [(1,)]))
 
 
 def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(folder, tmp_path):
+    """Nothing else is imported there, nor by the process that keeps account of what is shared."""
     (folder / "my_plugin.py").write_text(
         "import random\n\ndef act(state, number):\n    return number + 41\n"
     )
@@ -91,7 +76,6 @@ def test_a_module_of_the_folder_that_was_typed_works_in_workers_too(folder, tmp_
     assert imported_in(folder, script) == "42\n"
 
 
-@pytest.mark.slow
 def test_machine_code_of_the_folder(folder, tmp_path):
     """Its settings would have numba take functions from a cache of the folder, whose files are pickles."""
     (folder / ".numba_config.yaml").write_text("cache_dir: kept\n")

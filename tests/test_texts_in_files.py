@@ -103,7 +103,6 @@ EVERYTHING = replace(CONFIG, algorithm="value", learner=TINY, total_timesteps=1)
 RUN = [
     command("train --resume run"),
     command("train run/config.json --output out"),
-    command("report run"),
     lambda: rans.load_agent("run"),
 ]
 MORE = [
@@ -115,40 +114,38 @@ MORE = [
     command("follow run"),
     command("export run --output shipped --force"),
     command("fly run --bus udp --seconds 0.1"),
-    lambda: rans.report("run"),
+    command("report run"),
 ]
 
 
-NAMING = ".task", ".spacecraft", ".algorithm", ".begin_from"
-"""Texts of a config that may name code."""
+BASE = json.loads(json.dumps(to_table(EVERYTHING))) | {"about": {"command": "rans train"}}
+EVERYWHERE = ".task", ".algorithm"
+"""Texts of a config that name code for whoever reads it; those of `NAMING` also for a training."""
+NAMING = (*EVERYWHERE, ".spacecraft", ".begin_from")
 
 
-def check_run(trained: Path, asks: list[Callable[[], object]], every: int) -> None:
-    """Ask with every changed text, by turns: each so manieth question, or each third where code can be named."""
-    base = json.loads(json.dumps(to_table(EVERYTHING))) | {"about": {"command": "rans train"}}
-    count = 0
-    for number, (where, changed) in enumerate(texts(base)):
-        if every > 1 and number % 9 and where not in NAMING:
-            continue  # that no code is named here, `test_config_of_a_run` sees of every text
-        apart = min(3, every) if where in NAMING else every
-        for ask in asks[number % apart :: apart]:
-            for folder in ("run", "out", "shipped"):
-                shutil.rmtree(folder, ignore_errors=True)
-            shutil.copytree(trained, "run")
-            write_json(Path("run/config.json"), changed)
-            call(ask)
-        count += where in NAMING
-    assert count == len(NAMING)
+def ask_of_run(trained: Path, changed: Any, asks: list[Callable[[], object]]) -> None:
+    """Ask with a run folder of the changed config."""
+    for ask in asks:
+        for folder in ("run", "out", "shipped"):
+            shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(trained, "run")
+        write_json(Path("run/config.json"), changed)
+        call(ask)
 
 
-@pytest.mark.slow
-def test_config_of_a_run(here, trained):
-    check_run(trained, RUN[:2], 1)
+def test_names_in_the_config_of_a_run(here, trained):
+    named = {where: changed for where, changed in texts(BASE) if where in NAMING}
+    assert len(named) == len(NAMING)
+    for where, changed in named.items():
+        ask_of_run(trained, changed, [*RUN, *(MORE if where in EVERYWHERE else ())])
 
 
 @pytest.mark.slow
-def test_config_of_a_run_with_every_command(here, trained):
-    check_run(trained, [*RUN[2:], *MORE], len(RUN[2:]) + len(MORE))
+def test_every_text_in_the_config_of_a_run(here, trained):
+    others = [*RUN[2:], *MORE]
+    for number, (_, changed) in enumerate(texts(BASE)):
+        ask_of_run(trained, changed, [*RUN[:2], others[number % len(others)]])
 
 
 RECIPE = {

@@ -60,8 +60,6 @@ def flight() -> Flight:
 
 UNSEEN = {"assurance-lab.json"}
 """Files of which a page says no text as it stands, but numbers, and words of its own."""
-TRAINING = "config.json"
-"""It is shown beside a training's figures alone, which take seconds to draw for each of its texts."""
 
 
 def planted(value: Any) -> Iterator[Any]:
@@ -84,16 +82,12 @@ def written(folder: Path, files: dict[str, Any]) -> None:
     (folder / "metrics.jsonl").write_text("\n".join(map(json.dumps, ROWS)))
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        pytest.param(name, marks=[pytest.mark.slow] * (name == TRAINING))
-        for name in sorted(contents())
-    ],
-)
-def test_a_report_of_a_stranger_is_text(name, tmp_path):
+@pytest.mark.parametrize("name", sorted(contents()))
+def test_a_report_of_a_stranger_is_text(name, tmp_path, monkeypatch):
     """Every text and every key of every file in turn: a page in which it is a text, or a sentence."""
-    if name == TRAINING:
+    # Drawn for every text they take seconds, and they show none of it.
+    monkeypatch.setattr("rans.show.pages.report.learning_charts", lambda rows: ())
+    if name == "config.json":  # which is shown beside the rows of a training alone
         written(tmp_path, {})
     shown = 0
     for content in planted(contents()[name]):
@@ -163,20 +157,23 @@ def pages(folder: Path) -> dict[str, Callable[[], str]]:
     }
 
 
-@pytest.mark.slow
-def test_every_kind_of_page_is_text_and_a_browser_runs_nothing(tmp_path, monkeypatch):
-    """Chromium reads a page by rules of its own; a page beside them that does run such a text says so."""
-    monkeypatch.chdir(tmp_path)  # an agent for any craft is written into runs/
-    made = {name: html() for name, html in pages(tmp_path).items()}
+@pytest.fixture(scope="module")
+def made(tmp_path_factory) -> dict[str, str]:
+    folder = tmp_path_factory.mktemp("hostile")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)  # an agent for any craft is written into runs/
+        return {name: html() for name, html in pages(folder).items()}
+
+
+def test_every_kind_of_page_is_text(made):
+    assert "onerror" in made["playground"]
     assert {name: live(html) for name, html in made.items() if live(html)} == {}
+
+
+@pytest.mark.slow
+def test_a_browser_runs_nothing_of_them(made, tmp_path):
+    """Chromium reads a page by rules of its own; a page beside them that does run such a text says so."""
     assert ran(made, tmp_path / "profile") == ["control"]
-
-
-def test_a_craft_in_the_playground_is_text(here):
-    (flyer,) = flyers((f"any-craft-2d@{spacecraft_file(here)}",), None, False)
-    html = playground(flyer).html()
-    assert "onerror" in html
-    assert live(html) == []
 
 
 def test_code_that_would_end_its_script_is_refused():
