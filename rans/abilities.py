@@ -6,7 +6,5 @@ from typing import Any
 
 from rans.registry import Registry
 
-PUBLIC: Registry[Any] = Registry(
-    kind="public name", group="rans.public", built_in={}, checked=lambda value: value
-)
+PUBLIC: Registry[Any] = Registry("public name", "rans.public")
 """Public names that installed packages add (entry points ``rans.public``)."""

@@ -13,6 +13,7 @@ import sys
 import threading
 from collections.abc import Callable, Generator, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
+from dataclasses import dataclass
 from multiprocessing import resource_tracker
 from types import TracebackType
 from typing import Any, Generic, TypeVar
@@ -66,32 +67,23 @@ class Processes(ProcessPoolExecutor):
         super().__exit__(exc_type, exc_val, exc_tb)
 
 
+@dataclass(eq=False)
 class Workers(Generic[State]):
     """Workers, each of which creates a state once and answers jobs with it.
 
     They are the executor of `rans.executors.run_on` within its context, and else `Processes` of this machine, which
     use one thread of torch each.
-
-    Args:
-        make: creates the state, such as a controller and its task.
-        arguments: arguments of ``make``, which can be pickled.
-        count: number of processes of this machine; None: one per processor; 1: jobs run in this process, whatever
-            the executor.
-        work: description of the work in the past tense for the error when a worker is lost, such as
-            "flew episodes".
     """
 
-    def __init__(
-        self,
-        make: Callable[..., State],
-        arguments: tuple[Any, ...] = (),
-        count: int | None = None,
-        work: str = "worked",
-    ) -> None:
-        self._make = make
-        self._arguments = arguments
-        self._count = count
-        self._work = work
+    make: Callable[..., State]
+    """Creates the state, such as a controller and its task."""
+    arguments: tuple[Any, ...] = ()
+    """Arguments of ``make``, which can be pickled."""
+    count: int | None = None
+    """Number of processes of this machine; None: one per processor; 1: jobs run in this process, whatever the
+    executor."""
+    work: str = "worked"
+    """The work in the past tense for the error when a worker is lost, such as "flew episodes"."""
 
     def ordered(
         self, function: Callable[..., Answer], jobs: Sequence[tuple[Any, ...]]
@@ -130,18 +122,16 @@ class Workers(Generic[State]):
             RansError: a worker was lost, and ``dead`` is None.
         """
         executor = chosen_executor()
-        if self._count == 1 or (self._count is None and processors() == 1 and executor is None):
-            state = self._make(*self._arguments)
+        if self.count == 1 or (self.count is None and processors() == 1 and executor is None):
+            state = self.make(*self.arguments)
             for number, job in enumerate(jobs):
                 yield number, function(state, *job)
             return
         with contextlib.ExitStack() as context:
             if executor is None:
-                count = min(self._count or processors(), len(jobs))
+                count = min(self.count or processors(), len(jobs))
                 executor = context.enter_context(Processes(max(1, count)))
-            yield from answers(
-                executor, self._make, self._arguments, function, jobs, dead, self._work
-            )
+            yield from answers(executor, self.make, self.arguments, function, jobs, dead, self.work)
 
 
 def nothing() -> None:

@@ -15,11 +15,12 @@ import os
 import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property, wraps
 from importlib import resources
 from importlib.metadata import Distribution, EntryPoint, distribution, distributions
 from pathlib import Path
-from types import MappingProxyType, ModuleType
+from types import ModuleType
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 from rans.errors import (
@@ -29,6 +30,7 @@ from rans.errors import (
     NoSuchKey,
     RansWarning,
     brief,
+    checked,
     is_installed,
     meant,
     meant_file,
@@ -90,6 +92,7 @@ def by_user(load: Callable[Concatenate[Given, More], T]) -> Callable[Concatenate
     return load_typed
 
 
+@dataclass(eq=False, repr=False)
 class Registry(Mapping[str, T]):
     """Mapping of names to objects, each loaded on first use; listing names imports nothing.
 
@@ -97,48 +100,36 @@ class Registry(Mapping[str, T]):
     any module, which may be in the current folder. To load it runs code, so it is refused unless the user has
     `typed` it or trusts files (`trust_files`); whether the module is already loaded makes no difference.
 
-    Args:
-        kind: kind of the objects in messages, such as "task".
-        group: group of the entry points; those of the groups GROUP.WORD belong to it too (`subgroup`).
-        built_in: "module:Name" of each built-in name, or "package" for the text of its file NAME.toml. Packages
-            cannot replace them.
-        checked: converts and checks a loaded object; "module:name" of the function where it is loaded with the
-            first object.
-        or_else: other forms that a user may give, for messages.
-        elsewhere: names by what such objects are called elsewhere, for messages.
-        files: what to write for files of other software, by their suffixes, with {name} and {stem}.
-
     Raises:
         NoSuchKey: by ``registry[name]``: there is no such object.
         ConfigError: it is not valid (the message names its package), or it is a MODULE:NAME that only a file has
             named.
     """
 
-    def __init__(
-        self,
-        kind: str,
-        group: str,
-        built_in: Mapping[str, str],
-        checked: Callable[[Any], T] | str,
-        or_else: str = "",
-        elsewhere: Mapping[str, str] = MappingProxyType({}),
-        files: Mapping[str, str] = MappingProxyType({}),
-    ) -> None:
-        self._kind = kind
-        self.group = group
-        self.built_in = built_in
-        self._check = checked
-        self._or_else = or_else
-        self._elsewhere = elsewhere
-        self._files = files
-        self._loaded: dict[str, T] = {}
-        self.own: dict[str, T] = {}
-        """What `register` has added in this process, by name."""
-        self.announce: Callable[[str], object] = lambda _: None
-        """Callback with every name that `register` adds, for other registries."""
+    kind: str
+    """Kind of the objects in messages, such as "task"."""
+    group: str
+    """Group of the entry points; those of the groups GROUP.WORD belong to it too (`subgroup`)."""
+    built_in: Mapping[str, str] = field(default_factory=dict)
+    """"module:Name" of each built-in name, or "package" for the text of its file NAME.toml. Packages cannot replace
+    them."""
+    checked: Callable[[Any], T] | type[T] | str | None = None
+    """Converts and checks a loaded object, or the class that it must be an object of; "module:name" of either where
+    it is loaded with the first object. None: any object."""
+    or_else: str = ""
+    """Other forms that a user may give, for messages."""
+    elsewhere: Mapping[str, str] = field(default_factory=dict)
+    """Names by what such objects are called elsewhere, for messages."""
+    files: Mapping[str, str] = field(default_factory=dict)
+    """What to write for files of other software, by their suffixes, with {name} and {stem}."""
+    own: dict[str, T] = field(default_factory=dict, init=False)
+    """What `register` has added in this process, by name."""
+    announce: Callable[[str], object] = field(default=str, init=False)
+    """Callback with every name that `register` adds, for other registries; by default nothing."""
+    _loaded: dict[str, T] = field(default_factory=dict, init=False)
 
     def __repr__(self) -> str:
-        return f"<{self._kind} by name: {', '.join(self)}>"
+        return f"<{self.kind} by name: {', '.join(self)}>"
 
     def __iter__(self) -> Iterator[str]:
         return iter(dict.fromkeys((*self.built_in, *self._offered, *self.own)))
@@ -178,10 +169,10 @@ class Registry(Mapping[str, T]):
         Raises:
             ConfigError: the name is taken or not valid, or the object is not valid.
         """
-        one_line(f"the name of a {self._kind}", name)
+        one_line(f"the name of a {self.kind}", name)
         if name in self.built_in or name in self._offered or ":" in name:
             raise ConfigError(
-                f"the {self._kind} {brief(name)} exists already, or is not a valid name; choose another one."
+                f"the {self.kind} {brief(name)} exists already, or is not a valid name; choose another one."
             )
 
         def keep(result: T) -> T:
@@ -196,21 +187,21 @@ class Registry(Mapping[str, T]):
         if isinstance(found, type) and inspect.isabstract(found):
             missing = ", ".join(sorted(found.__abstractmethods__))  # pyrefly: ignore[missing-attribute]
             raise ConfigError(
-                f"{found.__name__} has no {missing}, which every {self._kind} must have."
+                f"{found.__name__} has no {missing}, which every {self.kind} must have."
             )
-        check: Callable[[Any], T] = (
-            resolve(self._check) if isinstance(self._check, str) else self._check
-        )
-        return check(found)
+        check: Any = resolve(self.checked) if isinstance(self.checked, str) else self.checked
+        if isinstance(check, type):
+            return checked("it", found, check)
+        return found if check is None else check(found)
 
     def _check_trust(self, name: object) -> None:
         """Reject MODULE:NAME that the user has not typed, because loading it would run code of a file's choice."""
         if not isinstance(name, str):
-            raise NoSuchKey(f"the {self._kind} must be a name, got {brief(name)}.")
+            raise NoSuchKey(f"the {self.kind} must be a name, got {brief(name)}.")
         if ":" not in name or name in self._offered or name in _typed or are_files_trusted():
             return
         raise ConfigError(
-            f"a file names the {self._kind} {brief(name)}, and to use it would run that "
+            f"a file names the {self.kind} {brief(name)}, and to use it would run that "
             "module's code. If you trust its author, add --trust; from Python, call "
             "rans.trust_files() first."
         )
@@ -222,7 +213,7 @@ class Registry(Mapping[str, T]):
             name: that the user wrote.
             others: names of other objects that the user may have meant.
         """
-        known = self._elsewhere.get(name.lower())
+        known = self.elsewhere.get(name.lower())
         return f" (did you mean {known}?)" if known else meant(name, (*self, *others))
 
     def package(self, name: str) -> str:
@@ -269,13 +260,13 @@ class Registry(Mapping[str, T]):
         """Import and check the object of a name; for an unknown one the error has the nearest names."""
         if name not in self and ":" not in name:
             near = self.meant(name) or (
-                _of_file(name, self._kind, self._files) if self._or_else else ""
+                _of_file(name, self.kind, self.files) if self.or_else else ""
             )
-            if self._or_else and "=" in name:
+            if self.or_else and "=" in name:
                 near = " (write the line into a file, such as mine.toml, and name that)"
             raise NoSuchKey(
-                f"there is no {self._kind} named {brief(name)}{near}; known are "
-                f"{', '.join(self)}; your own is MODULE:NAME{self._or_else}."
+                f"there is no {self.kind} named {brief(name)}{near}; known are "
+                f"{', '.join(self)}; your own is MODULE:NAME{self.or_else}."
             )
         with self.of_package(name):
             return self._checked(self._resolve(name))
@@ -297,7 +288,7 @@ class Registry(Mapping[str, T]):
             of = f" of the package {package}" if package else ""
             reason = error if isinstance(error, ConfigError) else _raised(error)
             raise ConfigError(
-                f"the {self._kind} {brief(name)}{of} cannot be used: {reason}"
+                f"the {self.kind} {brief(name)}{of} cannot be used: {reason}"
             ) from error
 
     def _resolve(self, name: str) -> Any:

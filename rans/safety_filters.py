@@ -8,12 +8,7 @@ from rans.episode import Guard, Setup
 from rans.registry import Registry
 
 _NAME = "constraints"
-FILTERS: Registry[Callable[[Setup], Guard]] = Registry(
-    kind="safety filter of",
-    group="rans.safety_filters",
-    built_in={},
-    checked=lambda make: make,
-)
+FILTERS: Registry[Callable[[Setup], Guard]] = Registry("safety filter of", "rans.safety_filters")
 """Functions that make safety filters; `safety_filter` asks that of constraints."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from rans.flight import Controller
 
 
+@dataclass(eq=False, repr=False)
 class AgentData:
     """The controller of an agent with the spacecraft, the task and the conditions that it flies.
 
@@ -22,11 +24,10 @@ class AgentData:
     know the methods that call them.
     """
 
-    def __init__(self, run: LoadedRun, spec: str = "") -> None:
-        self.run = run
-        """The controller, with its spacecraft, task, timing and conditions."""
-        self.spec = spec
-        """Its name in commands: a run folder, or pretrained:NAME; empty if it has none."""
+    run: LoadedRun
+    """The controller, with its spacecraft, task, timing and conditions."""
+    spec: str = ""
+    """Its name in commands: a run folder, or pretrained:NAME; empty if it has none."""
 
     def __repr__(self) -> str:
         return repr(self.run)

@@ -28,9 +28,7 @@ if TYPE_CHECKING:
 
 _HEIGHT = 480
 """Height of a replay in a notebook, pixels."""
-FILMS: Registry[Callable[..., None]] = Registry(
-    kind="kind of film", group="rans.films", built_in={}, checked=lambda writer: writer
-)
+FILMS: Registry[Callable[..., None]] = Registry("kind of film", "rans.films")
 """What writes flights side by side as a film, by the ending of its name: of flights, file and progress
 (`rans.progress.Stages`). With ``check`` it only refuses (`ConfigError`) what could not be written."""
 

@@ -35,10 +35,7 @@ _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
 
 FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
-    kind="form of flights",
-    group="rans.flight_files",
-    built_in={},
-    checked=lambda write: write,
+    "form of flights", "rans.flight_files"
 )
 """Forms in which installed packages write flights, by the name of their folder: functions of the flight and the
 folder, whose result says what they are; empty: there are none of such a flight."""

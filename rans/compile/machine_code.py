@@ -90,7 +90,7 @@ class MachineCode(NamedTuple):
 
 
 PACKAGES: Registry[Callable[[str], MachineCode | None]] = Registry(
-    kind="machine code", group="rans.machine_code", built_in={}, checked=lambda make: make
+    "machine code", "rans.machine_code"
 )
 """Functions that give a package's machine code for a type of torch's devices; None where it has none, or where a
 library is missing that it needs."""

@@ -65,12 +65,7 @@ class Exporter(Protocol):
         ...
 
 
-EXPORTERS: Registry[Exporter] = Registry(
-    kind="export of a",
-    group="rans.exporters",
-    built_in={},
-    checked=lambda exporter: exporter,
-)
+EXPORTERS: Registry[Exporter] = Registry("export of a", "rans.exporters")
 """What installed packages export beside agents of RANS: by `ContestantName.kind`, and spacecraft."""
 
 SAVED: dict[str, tuple[str, ...]] = {

@@ -67,9 +67,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
 
 def _opened(program: Program) -> Program:
     """A program with ONNX's own operations: "Dense" becomes "Gemm" and an activation."""
-    result = Program()
-    result.constants = dict(program.constants)
-    result.parameters = dict(program.parameters)
+    result = Program([], dict(program.constants), dict(program.parameters))
     names: dict[str, str] = {}
     for step in program.steps:
         operands = [names.get(name, name) for name in step.inputs]

@@ -196,26 +196,26 @@ class PropellantTank(Effector):
         return _Burning(Tank(self.propellant, body, arm), begun.stores[0], self.fastest)
 
 
+@dataclass(eq=False)
 class _Burning(Action):
-    def __init__(self, tank: Tank, left: Field, fastest: float) -> None:
-        self._tank = tank
-        self._left = left
-        self._fastest = fastest
+    tank: Tank
+    left: Field
+    fastest: float
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
         """Parts of the period with wrenches scaled to the full craft (`Tank.burned`).
 
         Takes the propellant of each part from what is left: iterate once, and read `stores` afterwards.
         """
-        tank = self._tank
+        tank = self.tank
         for push in pushes:
-            parts = math.ceil(push.longest * self._fastest / _MOST_BURNED - 1e-9)
+            parts = math.ceil(push.longest * self.fastest / _MOST_BURNED - 1e-9)
             piece = (push.duration, push.first, push.last, push.longest)
             for part in divided(piece, min(max(parts, 1), _MOST_PARTS)):
-                for burning, after in tank.burned(part, self._left):
-                    self._left = after
+                for burning, after in tank.burned(part, self.left):
+                    self.left = after
                     yield burning
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         """Propellant left, kg."""
-        return (self._left,)
+        return (self.left,)

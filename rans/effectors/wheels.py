@@ -40,24 +40,22 @@ class ReactionWheels(Effector):
         return _Spinning(self, begun.stores, motors)
 
 
+@dataclass(eq=False)
 class _Spinning(Action):
-    def __init__(
-        self, wheels: ReactionWheels, momenta: Sequence[Field], motors: Sequence[Field]
-    ) -> None:
-        self._wheels = wheels
-        self._momenta = momenta
-        self._motors = motors
-        self._elapsed: Field = 0.0
+    wheels: ReactionWheels
+    momenta: Sequence[Field]
+    motors: Sequence[Field]
+    elapsed: Field = 0.0
 
     def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
         """Parts of the period with the reaction torque of the motors and the momentum of the wheels.
 
         Counts the time that has passed: iterate once, in the order of time.
         """
-        wheels = self._wheels
+        wheels = self.wheels
         for push in pushes:
-            turn = along_axes(wheels, self._motors)
-            before = along_axes(wheels, self.stores(self._elapsed))
+            turn = along_axes(wheels, self.motors)
+            before = along_axes(wheels, self.stores(self.elapsed))
             after = before + times(turn, push.duration)
             begins = ends = turn
             if push.turning is not None:
@@ -66,12 +64,12 @@ class _Spinning(Action):
             first = replace(push.first, torque=push.first.torque - begins)
             last = push.last
             last = last if last is None else replace(last, torque=last.torque - ends)
-            self._elapsed = self._elapsed + push.duration
+            self.elapsed = self.elapsed + push.duration
             yield replace(push, first=first, last=last, momentum=(before, after - before))
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         """Momenta of the wheels at a time since the start of the period (s), N m s."""
-        pairs = zip(self._momenta, self._motors, strict=True)
+        pairs = zip(self.momenta, self.motors, strict=True)
         return tuple(momentum + torque * time for momentum, torque in pairs)
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from rans.errors import ConfigError, brief
 from rans.model.spacecraft import Spacecraft
 from rans.registry import Registry
 from rans.tasks.base import Task
@@ -41,17 +40,7 @@ class Problem:
         return None if task.optimal_problem == "trajectory" else PROBLEMS[task.optimal_problem]
 
 
-def _checked(found: Any) -> Problem:
-    if not isinstance(found, Problem):
-        raise ConfigError(
-            f"an optimal problem must be a rans.evaluation.problems.Problem, got {brief(found)}."
-        )
-    return found
-
-
-PROBLEMS: Registry[Problem] = Registry(
-    kind="optimal problem", group="rans.problems", built_in={}, checked=_checked
-)
+PROBLEMS: Registry[Problem] = Registry("optimal problem", "rans.problems", checked=Problem)
 """Problems that installed packages solve, by `Task.optimal_problem`."""
 
 

@@ -17,12 +17,7 @@ Importer = Callable[[Path, str, Spacecraft], tuple[Spacecraft, str, tuple[str, .
 It gives the craft, how the file was read for the first line of a new one, and remarks: clauses about what the craft
 has not of the file. It refuses (`ConfigError`) a file that is damaged or describes what no spacecraft is.
 """
-IMPORTERS: Registry[Importer] = Registry(
-    kind="reader of spacecraft files",
-    group="rans.importers",
-    built_in={},
-    checked=lambda importer: importer,
-)
+IMPORTERS: Registry[Importer] = Registry("reader of spacecraft files", "rans.importers")
 """By the suffix of the files."""
 
 

@@ -105,34 +105,24 @@ class Draws:
         return real(whole, self.dtype)
 
 
+@dataclass(eq=False)
 class Random:
-    """Random numbers of one episode, of one or many spacecraft; each call takes the next ones.
+    """Random numbers of one episode, of one or many spacecraft; each call takes the next ones."""
 
-    Args:
-        dimension: 2 or 3, which determines the results of `direction` and `attitude`.
-        low: low word of the seed, an int or an int32 field.
-        high: high word of the seed, an int or an int32 field.
-        episode: number of the episode, an int32 field.
-        dtype: floating dtype of the draws, of the library of ``episode``.
-        block: index of the first block of four numbers, an int or an int32 field.
-    """
-
-    def __init__(
-        self,
-        dimension: Literal[2, 3],
-        low: Field,
-        high: Field,
-        episode: Field,
-        dtype: Any,
-        block: Field = 0,
-    ) -> None:
-        self.dimension = dimension
-        self._key = (low, high)
-        self._episode = episode
-        self._dtype = dtype
-        self._words: tuple[Field, ...] = ()
-        self._block = block
-        self._spare: Field = None
+    dimension: Literal[2, 3]
+    """Determines the results of `direction` and `attitude`."""
+    low: Field
+    """Low word of the seed, an int or an int32 field."""
+    high: Field
+    """High word of the seed, an int or an int32 field."""
+    episode: Field
+    """Number of the episode, an int32 field."""
+    dtype: Any
+    """Floating dtype of the draws, of the library of ``episode``."""
+    block: Field = 0
+    """Index of the next block of four numbers, an int or an int32 field."""
+    _words: tuple[Field, ...] = ()
+    _spare: Field = None
 
     def unit(self) -> Field:
         """Uniform in [0, 1), the next word of a hash: a multiple of 2^-24, the same in float32 and float64.
@@ -140,13 +130,13 @@ class Random:
         A hash has four words; the next one begins with the next block. Pages compute the same hash in JavaScript.
         """
         if not self._words:
-            low, high = (self._episode * 0 + word for word in self._key)
-            self._words = hash4(self._episode, self._episode * 0 + self._block, low, high)
-            self._block = self._block + 1
+            low, high = (self.episode * 0 + word for word in (self.low, self.high))
+            self._words = hash4(self.episode, self.episode * 0 + self.block, low, high)
+            self.block = self.block + 1
         word = self._words[0]
         self._words = self._words[1:]
         bits = (word >> 8) & 0xFFFFFF
-        return real(bits, self._dtype) * 2.0**-24
+        return real(bits, self.dtype) * 2.0**-24
 
     def uniform(self, low: float, high: float) -> Field:
         """Uniform between two bounds."""

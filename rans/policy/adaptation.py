@@ -137,7 +137,5 @@ class Filters(Protocol):
     def _asdict(self) -> dict[str, Any]: ...
 
 
-ESTIMATORS: Registry[Any] = Registry(
-    "estimator", "rans.estimators", {}, checked=lambda maker: maker
-)
+ESTIMATORS: Registry[Any] = Registry("estimator", "rans.estimators")
 """Makers of estimators by their names; see `Filters`."""

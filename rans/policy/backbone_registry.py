@@ -14,7 +14,7 @@ BACKBONES: Registry[Backbone] = Registry(
     "backbone",
     "rans.backbones",
     {"dense": "rans.policy.backbones:DENSE"},
-    checked="rans.policy.backbones:checked",
+    checked="rans.policy.backbones:Backbone",
 )
 """Backbones by their names in settings and agents' files."""
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from torch import Tensor
 
-from rans.errors import ConfigError, brief
+from rans.errors import brief
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
@@ -176,12 +176,3 @@ class Dense(Backbone):
 
 
 DENSE = Dense()
-
-
-def checked(found: object) -> Backbone:
-    """A backbone that a package has registered; `ConfigError` for anything else."""
-    if not isinstance(found, Backbone):
-        raise ConfigError(
-            f"it must be an object of a class of rans.extend.Backbone, got {brief(found)}."
-        )
-    return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -125,19 +126,19 @@ class TorchPreprocessor(ColumnExecutor):
         return adaptation.estimated(TorchRows(read), read[:, : adaptation.twist], memory)
 
 
+@dataclass(eq=False)
 class TorchRows(Rows[Tensor]):
     """Rows of `rans.policy.adaptation` as tensors of the device and type of another one."""
 
-    def __init__(self, like: Tensor) -> None:
-        self._like = like
+    like: Tensor
 
     def constant(self, values: object) -> Tensor:
         """See `Rows`."""
-        return self._like.new_tensor(values)
+        return self.like.new_tensor(values)
 
     def product(self, row: Tensor, table: np.ndarray) -> Tensor:
         """See `Rows`."""
-        return row @ self._like.new_tensor(table)
+        return row @ self.like.new_tensor(table)
 
     def split(self, row: Tensor, widths: Sequence[int]) -> list[Tensor]:
         """See `Rows`."""

@@ -48,20 +48,17 @@ class RowStep:
         return dialect.text(*of_row(self.operation), *operands)
 
 
+@dataclass(eq=False)
 class Program:
-    """Steps in order, on values that have names.
+    """Steps in order, on values that have names."""
 
-    Attributes:
-        steps: the operations.
-        constants: tables and numbers that are the same for all policies of one architecture, by their names.
-        parameters: shapes of those that training changes, by their names.
-    """
-
-    def __init__(self) -> None:
-        self.steps: list[RowStep] = []
-        self.constants: dict[str, np.ndarray] = {}
-        self.parameters: dict[str, tuple[int, ...]] = {}
-        self._single: dict[tuple[str, int], list[str]] = {}
+    steps: list[RowStep] = field(default_factory=list)
+    """The operations."""
+    constants: dict[str, np.ndarray] = field(default_factory=dict)
+    """Tables and numbers that are the same for all policies of one architecture, by their names."""
+    parameters: dict[str, tuple[int, ...]] = field(default_factory=dict)
+    """Shapes of those that training changes, by their names."""
+    _single: dict[tuple[str, int], list[str]] = field(default_factory=dict)
 
     def constant(self, value: object, name: str = "", dtype: type = np.float64) -> str:
         """A table or number that is the same for all observations; whole numbers are indices."""
@@ -169,12 +166,13 @@ class Program:
 
     def pruned(self, outputs: Iterable[str]) -> Program:
         """Program reduced to the steps that these outputs need, and the tables that they read."""
-        result = Program()
-        result.steps = self.needed(outputs)
-        used = {name for step in result.steps for name in step.inputs}
-        result.constants = {name: x for name, x in self.constants.items() if name in used}
-        result.parameters = {name: x for name, x in self.parameters.items() if name in used}
-        return result
+        steps = self.needed(outputs)
+        used = {name for step in steps for name in step.inputs}
+        return Program(
+            steps,
+            {name: x for name, x in self.constants.items() if name in used},
+            {name: x for name, x in self.parameters.items() if name in used},
+        )
 
     def has(self, name: str) -> bool:
         """Whether one of its steps makes this value."""

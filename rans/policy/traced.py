@@ -128,38 +128,38 @@ def _tell_whereabouts(program: Program, architecture: Architecture, row: str) ->
         program.joined(*program.lowered(numbers, names), name=name)
 
 
+@dataclass(eq=False)
 class ProgramRows(Rows[str]):
     """Rows of `rans.policy.adaptation` as values of a program, by their names."""
 
-    def __init__(self, program: Program) -> None:
-        self._program = program
+    program: Program
 
     def constant(self, values: object) -> str:
         """See `Rows`."""
-        return self._program.constant(values)
+        return self.program.constant(values)
 
     def product(self, row: str, table: np.ndarray) -> str:
         """See `Rows`."""
-        return self._program.apply("MatMul", row, self._program.constant(table))
+        return self.program.apply("MatMul", row, self.program.constant(table))
 
     def split(self, row: str, widths: Sequence[int]) -> list[str]:
         """See `Rows`."""
-        return self._program.split(row, widths)
+        return self.program.split(row, widths)
 
     def joined(self, rows: Sequence[str]) -> str:
         """See `Rows`."""
-        return self._program.joined(*rows)
+        return self.program.joined(*rows)
 
     def computed(self, formula: Callable[..., list[Field]], rows: Sequence[str]) -> list[str]:
         """See `Rows`."""
         symbols = inputs("number", len(rows))
         names = dict(zip(symbols, rows, strict=True))
-        return self._program.lowered(formula(*symbols), names)
+        return self.program.lowered(formula(*symbols), names)
 
     def largest(self, row: str, width: int) -> str:
         """See `Rows`."""
-        best = self._program.apply("ArgMax", row, axis=1, keepdims=0)
-        return self._program.apply("Gather", self._program.constant(np.eye(width)), best, axis=0)
+        best = self.program.apply("ArgMax", row, axis=1, keepdims=0)
+        return self.program.apply("Gather", self.program.constant(np.eye(width)), best, axis=0)
 
 
 def _commands(

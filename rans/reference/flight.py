@@ -8,17 +8,15 @@ from typing import Any
 import numpy as np
 
 from rans.environment import Environment
-from rans.episode import Guard, Mover
+from rans.episode import Mover
 from rans.flight import Controller, Flight, fly
 from rans.model.accuracy import gyroscopic_rate, spin_up
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import leaves, unflatten
-from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.randomization.conditions import Conditions
 from rans.randomization.parameters import StepInputs
 from rans.randomization.valves import Lag
 from rans.reference.nozzles import Failure, Nozzles
@@ -41,30 +39,17 @@ def fly_in_drake(
     controller: Controller,
     starts: Scenario,
     timing: Timing,
+    *,
     body: Body | None = None,
-    conditions: Conditions | None = None,
-    draws: Draws | None = None,
     max_step: float | None = None,
-    guard: Guard | None = None,
+    **others: Any,
 ) -> Flight:
-    """Fly a batch of scenarios as `rans.flight.fly` does, moved by Drake.
+    """Fly a batch of scenarios as `rans.flight.fly` does, whose keywords the others are, moved by Drake.
 
     Substeps do not concern Drake, but its own longest step (s) does; None: see `DrakeMover`.
     """
-    if body is None:
-        body = designed(craft)
-    return fly(
-        craft,
-        task,
-        controller,
-        starts,
-        timing,
-        DrakeMover(craft, timing, task.drift, max_step),
-        body,
-        conditions,
-        draws,
-        guard,
-    )
+    move = DrakeMover(craft, timing, task.drift, max_step)
+    return fly(craft, task, controller, starts, timing, move, body or designed(craft), **others)
 
 
 class DrakeMover:

@@ -7,6 +7,7 @@ its class in `FRAMES`; packages register theirs in the group ``rans.drake_frames
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,15 +19,12 @@ SPHERE = np.diag([2.0, -1.0, -1.0])
 """Gradient of a sphere's gravity, in its size over the distance."""
 
 
+@dataclass(eq=False)
 class DrakeFrame(ABC):
-    """The Hill frame of a target on an orbit.
+    """The Hill frame of a target on an orbit."""
 
-    Args:
-        orbit: the drift, of which only the numbers that describe the orbit are read.
-    """
-
-    def __init__(self, orbit: Any) -> None:
-        self.orbit = orbit
+    orbit: Any
+    """The drift, of which only the numbers that describe the orbit are read."""
 
     @property
     def gravity_gradient(self) -> bool:
@@ -75,7 +73,6 @@ FRAMES: Registry[Any] = Registry(
     "orbit in Drake",
     "rans.drake_frames",
     {"ClohessyWiltshire": "rans.reference.frames:CircularFrame"},
-    lambda frame: frame,
 )
 """Frames by the name of the class of the drift."""
 

@@ -113,9 +113,7 @@ class DrakeMass(DrakeEffector):
         """Its stores (N, stores)."""
 
 
-REGISTERED: Registry[Any] = Registry(
-    "kind of effector in Drake", "rans.drake_effectors", {}, lambda make: make
-)
+REGISTERED: Registry[Any] = Registry("kind of effector in Drake", "rans.drake_effectors")
 """What Drake's plant makes of further effectors, by the names of the classes that their `of_craft` returns.
 
 Packages register theirs."""

@@ -10,9 +10,7 @@ from rans.table import Table
 from validation.judges import brick, lvlh
 from validation.judges.judge import Row
 
-FURTHER: Registry[Callable[[], Iterator[Row]]] = Registry(
-    "judge", "rans.judges", {}, lambda rows: rows
-)
+FURTHER: Registry[Callable[[], Iterator[Row]]] = Registry("judge", "rans.judges")
 """Judges of packages."""
 
 

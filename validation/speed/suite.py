@@ -17,7 +17,7 @@ from validation.speed.measurement import Clock, Measurement
 from validation.speed.training import LARGE, trainer_rate
 
 BENCHMARKS: Registry[Callable[[Spacecraft, Task, int], Iterator[tuple[Any, ...]]]] = Registry(
-    "benchmark", "rans.benchmarks", {}, lambda rows: rows
+    "benchmark", "rans.benchmarks"
 )
 """What installed packages measure, from a number of starts of a craft and a task: arguments of `Measurement`."""
 

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol, runtime_checkable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, positive
+from rans.errors import ConfigError, positive
 from rans.model.dynamics import State
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, check_rigid
@@ -88,35 +88,6 @@ class Bound:
         loose = max(self.hull, self.tube or 0.0)
         loose = rounded_up(loose, self.unit) if self.unit else loose
         return loose if self.lower is None else max(loose, self.lower)
-
-
-@dataclass(frozen=True)
-class Amounts:
-    """Times or impulses of an event, a start each."""
-
-    event: Event
-    values: np.ndarray
-    """(N,) s or N s; infinite if the event does not happen."""
-
-    def __getitem__(self, starts: Any) -> Amounts:
-        return replace(self, values=self.values[starts])
-
-    def over(self, bound: Amounts) -> np.ndarray:
-        """Ratios (N,) to a bound.
-
-        Raises:
-            ConfigError: the bound is of another event.
-        """
-        return self.values / self._same(bound)
-
-    def below(self, bound: Amounts) -> np.ndarray:
-        """Whether amounts (N,) are below a bound by more than rounding, an error in a proof; raises as `over`."""
-        return self.values < self._same(bound) - 1e-9
-
-    def _same(self, bound: Amounts) -> np.ndarray:
-        if self.event != bound.event:
-            raise ConfigError(f"{self.event} cannot be measured by a bound of {bound.event}.")
-        return bound.values
 
 
 def count_of_periods(horizon: float, period: float) -> int:
@@ -239,16 +210,8 @@ class Certificates(Protocol):
         ...
 
 
-def _checked(found: Any) -> Certificates:
-    if not isinstance(found, Certificates):
-        raise ConfigError(
-            f"certificates must have the methods of {Certificates.__name__}, got {brief(found)}."
-        )
-    return found
-
-
 CERTIFICATES: Registry[Certificates] = Registry(
-    kind="certificate", group="rans.certificates", built_in={}, checked=_checked
+    "certificate", "rans.certificates", checked=Certificates
 )
 """Certified bounds that installed packages prove, by what is bounded."""
 

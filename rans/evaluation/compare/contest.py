@@ -15,7 +15,7 @@ import numpy as np
 
 from rans.episode import Guard, Setup
 from rans.errors import ConfigError, counted
-from rans.evaluation.compare.bounds import Amounts, Event, count_of_periods
+from rans.evaluation.compare.bounds import Event, count_of_periods
 from rans.evaluation.fly.episodes import EngineName, fly_episodes
 from rans.evaluation.measure.metrics import (
     arrival_times,
@@ -228,20 +228,20 @@ class Entry:
         rates = (*self.flight.states.v.columns(), *self.flight.states.spin())
         return np.all([rate[0] == 0.0 for rate in rates], axis=0)
 
-    def amounts(self, event: Event) -> Amounts:
-        """Times or impulses of an event, which are compared with its bound.
+    def amounts(self, event: Event) -> np.ndarray:
+        """Times (s) or impulses (N s) of an event, (N,), which are compared with its bound alone.
 
-        Infinite where the event never comes; bounds of other events may not be compared with it.
+        Infinite where the event never comes.
         """
         if event == Event():
-            return Amounts(event, self.arrival)
+            return self.arrival
         if event == Event("settling"):
-            return Amounts(event, np.where(self._turns_unseen, np.inf, self.settling))
+            return np.where(self._turns_unseen, np.inf, self.settling)
         if event.kind != "arrival" or event.horizon is None:
             raise ConfigError(
                 f"impulse by a horizon is scored for arrival only, not for {event.kind}."
             )
-        return Amounts(event, self.thrust_by(event.horizon))
+        return self.thrust_by(event.horizon)
 
     @cached_property
     def _turns_unseen(self) -> np.ndarray:

@@ -17,7 +17,7 @@ import numpy as np
 from rans.display import NotebookRepr
 from rans.errors import ConfigError, RansError, counted, where_raised
 from rans.evaluation.compare import entrants
-from rans.evaluation.compare.bounds import Amounts, Bound, Event, certificates
+from rans.evaluation.compare.bounds import Bound, Event, certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
 from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.problems import bounding
@@ -154,15 +154,15 @@ class Comparison(NotebookRepr):
             *(Event(horizon=horizon) for horizon in self.horizons()),
         ]
 
-    def bounds(self, event: Event) -> tuple[Amounts, Amounts]:
-        """Lower and upper bounds of one event, from its `certified_starts`."""
+    def bounds(self, event: Event) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper bounds of one event, s or N s, from its `certified_starts`."""
         answers = {c.start: c for c in self.certified if c.event == event}
         rows = [answers[k] for k in sorted(answers)]
         lower, upper = np.array([(c.best, c.upper) for c in rows]).reshape(-1, 2).T
         if event.kind == "settling" and rows:
             with contextlib.suppress(ConfigError):  # A task's own bounds need no certificates.
                 lower = np.minimum(lower, certificates().last_watched(self.contest))
-        return Amounts(event, lower), Amounts(event, upper)
+        return lower, upper
 
     def impossible(self) -> list[str]:
         """Sentences about flights below a certified bound, each of which would prove an error in the package."""
@@ -177,8 +177,9 @@ class Comparison(NotebookRepr):
         beaten: set[int] = set()
         for event in self.events():
             starts = np.array(self.certified_starts(event), dtype=int)
-            low = entry.amounts(event)[starts].below(self.bounds(event)[0])
-            beaten.update(starts[low].tolist())
+            lower, _ = self.bounds(event)
+            # Below by more than rounding.
+            beaten.update(starts[entry.amounts(event)[starts] < lower - 1e-9].tolist())
         return sorted(beaten)
 
     def quick_and_slow(self, opponents: Sequence[str] | None) -> tuple[list[str], list[str]]:
@@ -342,10 +343,5 @@ Reference = Callable[..., None]
 (`Comparison.relaxed`), bounds (`Comparison.certified`, of any of `Comparison.events`: a start counts for the events
 that have one), or a note that says why there are none. Its arguments are
 the comparison and, by their names, those of `Comparison.fly` from ``certified`` to ``returns``."""
-REFERENCES: Registry[Reference] = Registry(
-    kind="reference of comparisons",
-    group="rans.references",
-    built_in={},
-    checked=lambda reference: reference,
-)
+REFERENCES: Registry[Reference] = Registry("reference of comparisons", "rans.references")
 """What installed packages compute beside flights, by what it is."""

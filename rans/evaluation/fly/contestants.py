@@ -26,7 +26,7 @@ from rans.registry import Registry, are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
 FLIGHTS: Registry[Callable[[str, Setup], Controller]] = Registry(
-    kind="reader of flights", group="rans.flights", built_in={}, checked=lambda reader: reader
+    "reader of flights", "rans.flights"
 )
 """Readers of files with flights, by the ending of a file: of its name and the setup. What they make flies them."""
 

@@ -22,7 +22,7 @@ of where an episode begins, (N,) bool. It gives commands (N, commands), zeros an
 memory after them (None: there is none). It keeps nothing itself, so that many flights may ask it by turns."""
 
 POLICIES: Registry[Callable[[Any, Spacecraft, Task, bool], ForeignPolicy]] = Registry(
-    kind="reader of policies", group="rans.policies", built_in={}, checked=lambda reader: reader
+    "reader of policies", "rans.policies"
 )
 """Makers of policies, of the name of a file ("sb3", "onnx") or of an "object", of craft and task, and whether a
 file may run code. They refuse (`ConfigError`) what is no policy for these, or has a part that cannot be flown."""

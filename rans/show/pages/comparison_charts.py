@@ -32,7 +32,7 @@ def plane_chart(comparison: Comparison) -> Chart:
     shaded = []
     bound = ""
     if certified:
-        least = float(np.median(comparison.bounds(Event())[0].values))
+        least = float(np.median(comparison.bounds(Event())[0]))
         what = "the median" if len(starts) > 1 else "the time"
         shaded.append((0.0, least))
         bound = f"; the shaded times are provably impossible: {what} is at least {least:.2f} s"
@@ -63,7 +63,7 @@ def _certified(comparison: Comparison, starts: list[int]) -> Iterator[Series]:
         return
     lower, upper = np.transpose(
         [
-            [np.median(bound.values) for bound in comparison.bounds(Event(horizon=horizon))]
+            [np.median(bound) for bound in comparison.bounds(Event(horizon=horizon))]
             for horizon in horizons
         ]
     )

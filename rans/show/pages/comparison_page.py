@@ -301,7 +301,7 @@ def _gaps(comparison: Comparison) -> Iterator[Section]:
     # Median bounds of every event, and how many of the first times are proven optimal.
     bounds = []
     for event in filter(comparison.certified_starts, comparison.events()):
-        lower, upper = (bound.values for bound in comparison.bounds(event))
+        lower, upper = comparison.bounds(event)
         best = float(np.median(upper))
         closed = (upper <= lower + 1e-9).sum()
         proven = None if event.kind != "arrival" else f"{closed} of {len(lower)}"

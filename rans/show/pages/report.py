@@ -39,10 +39,7 @@ SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""
 
 SECTIONS: Registry[Callable[[Path, Any], Section | None]] = Registry(
-    kind="section of a report",
-    group="rans.report_sections",
-    built_in={},
-    checked=lambda build: build,
+    "section of a report", "rans.report_sections"
 )
 """Sections that installed packages add, by the name of a JSON file in a run folder, or by a pattern of names:
 functions of the file and its content, which return None where there is nothing to say. Packages may share a

@@ -317,11 +317,11 @@ def gaps(comparison: Comparison) -> dict[str, dict[str, np.ndarray]]:
 def _ratios(comparison: Comparison, event: Event) -> dict[str, np.ndarray]:
     """Contestants' and the best found amounts of an event over its certified lower bound, (starts,), 1 at best."""
     lower, upper = comparison.bounds(event)
-    possible = np.isfinite(lower.values) & (lower.values > 0)
+    possible = np.isfinite(lower) & (lower > 0)
     starts = np.array(comparison.certified_starts(event))[possible]
     lower = lower[possible]
-    result = {entry.name: entry.amounts(event)[starts].over(lower) for entry in comparison.entries}
-    best = upper[possible].over(lower)
+    result = {entry.name: entry.amounts(event)[starts] / lower for entry in comparison.entries}
+    best = upper[possible] / lower
     return result | ({"best found": best} if np.isfinite(best).any() else {})
 
 
