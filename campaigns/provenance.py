@@ -32,16 +32,15 @@ def page() -> str:
 
 _HEAD = """# Provenance
 
-`rans reproduce` flies the tables of the pages again in a checkout, and writes a page of differences. This page
+`python -m campaigns reproduce` flies the tables of the pages again, and writes a page of differences. This page
 is made from the same list, `campaigns/table.toml`.
 
 ![A command writes a JSON file, from which a table of a page is made; two checks compare them]\
 (pictures/diagrams/provenance.svg)
 
 ```
-rans reproduce --quick                             # fewer flights of every table
-rans reproduce --only stress "dock with errors"    # these alone, with every flight
-rans reproduce                                     # all of them
+python -m campaigns reproduce --quick                             # fewer flights of every table
+python -m campaigns reproduce --only stress "dock with errors"    # these alone, with every flight
 ```
 
 Where a name alone measures a table, the command is `python -m campaigns NAME --docs docs`.
@@ -58,12 +57,12 @@ flights, times of a machine, and searches that a limit of time ends are not comp
 
 The page of differences, `runs/reproduce/differences.md`, has every cell that differs, the time of each row,
 versions, processor and GPU, and the SHA-256 of every agent. The exit code is 1 if a cell differs or a command
-fails. `--executor` spreads the rows over [many machines](cluster.md). The whole reproduction was not timed.
+fails. `--executor` spreads the rows over [many machines](cluster.md).
 
 ## Other figures
 
-Figures in sentences come from these files, and figures of speed from the command beside each. `rans reproduce` does
-not measure them again.
+Figures in sentences come from these files, and figures of speed from the command beside each. They
+are not measured again.
 
 | page | evidence | measured by |
 |---|---|---|"""

@@ -1,4 +1,4 @@
-"""Fly the tables of the pages again, and write a page of differences: ``rans reproduce``.
+"""Fly the tables of the pages again, and write a page of differences: ``python -m campaigns reproduce``.
 
 Every row of `campaigns.table.ROWS` runs in a folder with a copy of docs, so that nothing of the checkout
 changes. The cells of its tables are then compared with those of the checkout.
@@ -378,6 +378,5 @@ def _cells(differences: Sequence[Difference]) -> list[str]:
 if __name__ == "__main__":
     import torch  # noqa: F401  # the environment names its GPU
 
-    raise SystemExit(
-        ended("rans reproduce", lambda: tyro.cli(Reproduce, prog="rans reproduce").run())
-    )
+    name = "python -m campaigns reproduce"
+    raise SystemExit(ended(name, lambda: tyro.cli(Reproduce, prog=name).run()))

@@ -31,7 +31,7 @@ def read_campaigns(file: Path) -> dict[str, Campaign]:
 CAMPAIGNS = read_campaigns(Path(__file__).with_suffix(".toml"))
 """By what is measured, the table of robustness first; the last ones have no table that is flown again."""
 ROWS = {name: campaign for name, campaign in CAMPAIGNS.items() if campaign.tables}
-"""Campaigns whose tables stand on pages, which `rans reproduce` flies again, by name."""
+"""Campaigns whose tables stand on pages, which `python -m campaigns reproduce` flies again, by name."""
 PAGES = {name: campaign for campaign in CAMPAIGNS.values() for name in campaign.tables}
 """Campaigns by the names of their tables."""
 

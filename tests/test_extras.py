@@ -141,7 +141,6 @@ def test_commands_that_are_printed_to_run_next_run(tmp_path):
         "fly",
         "identify",
         "replay",
-        "reproduce",
     }
     written(damping(1, [0], seed=1), tmp_path / "network.onnx")
     (tmp_path / "problem.toml").write_text(PROBLEM)

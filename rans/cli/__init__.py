@@ -142,14 +142,11 @@ def _run(arguments: list[str]) -> int:
     # Options that every command has are taken off before its own run.
     command = _parse(arguments or ["--help"])
     arguments, executor = without_executor(arguments)
-    if executor is not None and hasattr(command, "executor"):
-        command = replace(command, executor=executor)
-        executor = None
     if executor is not None and not divides_work(command):
         divided = [name for name, each in COMMANDS.items() if divides_work(each)]
         raise ConfigError(
             f"rans {arguments[0]} does not divide its work, so that --executor is not for it; it is for "
-            f"{', '.join((*divided, 'reproduce'))}."
+            f"{', '.join(divided)}."
         )
     if "--trust" in arguments:
         trust_files()

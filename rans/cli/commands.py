@@ -55,7 +55,6 @@ BUILT_IN = (
     "compare",
     "report",
     "export",
-    "reproduce",
     "init",
     "tune",
     "list",

@@ -18,8 +18,6 @@ class _Everywhere:
 
 Trust = Suppress[Annotated[bool, _Everywhere()]]
 """Type of the field that is true with --trust."""
-ExecutorText = Suppress[Annotated[str, _Everywhere()]]
-"""Type of the field with the text of --executor, of a command that hands it to another program."""
 HINT = arg(
     help_behavior_hint=lambda value: (
         "" if value in ("", "''", "None", "False", "inf") else f"(default: {value})"

@@ -136,18 +136,3 @@ def _interrupted(runs: Callable[[], int], monkeypatch: pytest.MonkeyPatch) -> No
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
-
-
-def test_an_interrupted_reproduction_says_which_rows_are_kept(tmp_path, monkeypatch, ran):
-    page = tmp_path / "differences.md"
-
-    def interrupted(*_, **__):
-        if page.exists():
-            # A row is complete: the page is newer than the command.
-            os.utime(page, (2**31, 2**31))
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("rans.cli.reproduce.subprocess.run", interrupted)
-    for said in ("no row was complete", "differences.md has the rows until then"):
-        assert said in ran("reproduce --output", str(tmp_path), code=130)
-        page.touch()
