@@ -33,15 +33,6 @@ def text(value: str) -> Markup:
     return Markup(html.escape(value))
 
 
-def line(words: str, fraction: float | None) -> Markup:
-    """A line of a notebook on work that goes on, with a bar where the part that is done is known."""
-    bar = ""
-    if fraction is not None:
-        done = min(max(fraction, 0.0), 1.0)
-        bar = f'<progress value="{done:.3f}" style="width:12em"></progress> '
-    return Markup(f"<div>{bar}{text(words)}</div>")
-
-
 def data(value: Any) -> Markup:
     """A value as JSON, which a script element may hold: it ends no element, whatever its texts are."""
     return Markup(json.dumps(value, separators=(",", ":")).translate(_ESCAPED))

@@ -1,4 +1,4 @@
-"""Progress: of a training as a live line, of other work as bars; in notebooks as a line under the cell."""
+"""Progress: of a training as a live line, of other work as bars; in notebooks as lines of text."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ from typing import Any
 from rich.progress import BarColumn, Progress, TextColumn
 
 from rans.progress import Stages
-from rans.show import markup
 from rans.system import is_terminal, to_stderr
 from rans.terminal import REDRAWN, Terminal, progress, stages
 
@@ -72,37 +71,11 @@ def describe(row: dict[str, Any], total: int) -> str:
     return f"{text}, {left} left" if terms else text
 
 
-_REFRESH = 0.25
-"""Seconds between two states of a notebook's line."""
-
-
 def in_notebook() -> bool:
     """Whether a Jupyter kernel runs this code, whose cells show HTML."""
     shell = sys.modules.get("IPython")
     result = None if shell is None else shell.get_ipython()
     return type(result).__name__ == "ZMQInteractiveShell"
-
-
-class NotebookLine:
-    """One line under a notebook's cell, written over while work goes on and gone when it is done."""
-
-    def __init__(self) -> None:
-        from IPython.display import HTML, display  # pyrefly: ignore[missing-import]
-
-        self._html = HTML
-        self._handle = display(HTML(""), display_id=True)
-        self._last = -_REFRESH
-
-    def show(self, text: str, fraction: float | None, surely: bool = False) -> None:
-        """Show a text, and a bar where the share that is done is known."""
-        if not surely and time.monotonic() - self._last < _REFRESH:
-            return
-        self._last = time.monotonic()
-        self._handle.update(self._html(markup.line(text, fraction)))
-
-    def clear(self) -> None:
-        """Leave nothing of it."""
-        self._handle.update(self._html(""))
 
 
 _SAVED_EVERY = 60.0
@@ -130,34 +103,13 @@ def _saving(stages: Stages, save: Callable[[], object]) -> Stages:
 
 @contextmanager
 def watched(save: Callable[[], object] = lambda: None) -> Iterator[Stages]:
-    """Progress of a call from Python: bars on a terminal, a line in a notebook, nothing elsewhere.
+    """Progress of a call from Python: bars on a terminal, now and then a line elsewhere.
 
     Args:
         save: writes the results so far, which is done now and then for when the process is killed.
     """
-    if not in_notebook():
-        with progress() as bars:
-            yield _saving(stages(bars), save)
-        return
-    line = NotebookLine()
-
-    def stage(name: str, total: int | None, /) -> Callable[[int], None]:
-        """Begin a stage of this name; returns what counts its work up (total None: unknown)."""
-        done = 0
-
-        def advance(count: int, /) -> None:
-            nonlocal done
-            done += count
-            fraction = done / total if total else None
-            line.show(f"{name}: {done:,}" + (f" of {total:,}" if total else ""), fraction)
-
-        line.show(name, 0.0 if total else None, surely=True)
-        return advance
-
-    try:
-        yield _saving(stage, save)
-    finally:
-        line.clear()
+    with progress() as bars:
+        yield _saving(stages(bars), save)
 
 
 @contextmanager
@@ -170,15 +122,7 @@ def watched_training(
         total: budget of environment steps.
         visible: whether; None: on a terminal and in a notebook.
     """
-    if in_notebook() and visible is not False:
-        line = NotebookLine()
-        line.show("compiling and warming up ...", None, surely=True)
-        try:
-            yield lambda row: line.show(describe(row, total), row["steps"] / total)
-        finally:
-            line.clear()
-        return
-    if visible is False or (visible is None and not is_terminal(sys.stderr)):
+    if not (in_notebook() or is_terminal(sys.stderr) if visible is None else visible):
         yield lambda row: None
         return
     with TrainingProgress(total) as bar:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from typing import Any
-from unittest.mock import Mock, call
 
 import pytest
 
@@ -42,18 +41,12 @@ def test_the_last_row_is_told_however_soon_it_comes(capsys, monkeypatch):
         ]
 
 
-def test_a_notebook_counts_the_work_of_a_stage_up_and_keeps_nothing_of_it(monkeypatch):
-    line = Mock()
-    monkeypatch.setattr("rans.show.progress.in_notebook", lambda: True)
-    monkeypatch.setattr("rans.show.progress.NotebookLine", lambda: line)
-    with watched() as stage:
-        step = stage("flying", 4)
-        step(1)
-        step(2)
-    first, *later, last = line.mock_calls
-    assert first == call.show("flying", 0.0, surely=True)
-    assert later == [call.show("flying: 1 of 4", 0.25), call.show("flying: 3 of 4", 0.75)]
-    assert last == call.clear()
+def test_a_training_in_a_notebook_is_told_in_lines(monkeypatch, capsys):
+    for is_notebook in (False, True):
+        monkeypatch.setattr("rans.show.progress.in_notebook", lambda said=is_notebook: said)
+        with watched_training(3_000_000, None) as show:
+            show(row(3_000_000))
+        assert ("training: 3.00 M steps" in capsys.readouterr().err) == is_notebook
 
 
 class Logged:
