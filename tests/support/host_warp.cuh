@@ -95,12 +95,6 @@ static void gather(unsigned (&rows)[4], const unsigned short* from, int stride) 
     rows[i] = at[0] | unsigned(at[1]) << 16;
   }
 }
-static void gather_turned(unsigned (&rows)[4], const unsigned short* from, int stride) {
-  for (int i = 0; i < 4; ++i) {
-    const auto* at = from + (lane() % 4 * 2 + i % 2 * 8) * stride + lane() / 4 + i / 2 * 8;
-    rows[i] = at[0] | unsigned(at[stride]) << 16;
-  }
-}
 static float quick_tanh(float x) { return std::tanh(x); }
 template <class T> static T atomicAdd(T* at, T more) { const T old = *at; *at += more; return old; }
 template <class T> static T min(T a, double b) { return min(a, T(b)); }

@@ -1,8 +1,8 @@
 """PPO's losses of one transition with on/off thrusters, and their derivatives by the network's outputs.
 
-They are operations on fields. Torch computes them of tensors (`rans_machine_code.cuda.gradient.MatrixGradient`).
-Machine code of a CPU (`rans_machine_code.gradient`) is printed from them. Losses are those of
-`rans.fast.learn.ppo.losses`, whose derivatives are torch's.
+They are operations on fields, from which a GPU's kernel (`rans_machine_code.cuda.update`) and machine code of a CPU
+(`rans_machine_code.gradient`) are printed. Losses are those of `rans.fast.learn.ppo.losses`, whose derivatives are
+torch's.
 """
 
 from __future__ import annotations

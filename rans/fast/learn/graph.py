@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import cache
 from typing import Generic, ParamSpec, TypeVar
 
 import torch
@@ -32,8 +33,22 @@ def as_written() -> Iterator[None]:
 
 
 def fused(function: Callable[P, R], device: torch.device, plain: bool = False) -> Callable[P, R]:
-    """Function that is compiled on a GPU; the function itself if ``plain`` or on a CPU, where it does not pay."""
-    return function if plain or device.type != "cuda" else _Fused(function)
+    """Function that is compiled on a GPU at its first call outside of `as_written`.
+
+    It is the function itself if ``plain`` or on a CPU, where compiling does not pay. It must not call
+    `Network.forward`, `Network.look` or an engine: their kernels are not torch's.
+    """
+    if plain or device.type != "cuda":
+        return function
+
+    @cache
+    def compiled() -> Callable[P, R]:
+        return torch.compile(function, fullgraph=True, dynamic=False)
+
+    def call(*args: P.args, **kwargs: P.kwargs) -> R:
+        return (compiled() if _compiles else function)(*args, **kwargs)
+
+    return call
 
 
 def graphed(
@@ -44,21 +59,6 @@ def graphed(
     It must use device memory at constant addresses, and not synchronise with the device.
     """
     return function if plain or device.type != "cuda" else _Graphed(function)
-
-
-class _Fused(Generic[P, R]):
-    """Function that is compiled at its first call outside of `as_written`."""
-
-    def __init__(self, function: Callable[P, R]) -> None:
-        self._function: Callable[P, R] = function
-        self._compiled: Callable[P, R] | None = None
-
-    def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
-        if not _compiles:
-            return self._function(*args, **kwargs)
-        if self._compiled is None:
-            self._compiled = torch.compile(self._function, fullgraph=True, dynamic=False)
-        return self._compiled(*args, **kwargs)
 
 
 class _Graphed(Generic[R]):

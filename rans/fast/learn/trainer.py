@@ -9,7 +9,6 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
 from dataclasses import replace
 from typing import Any
 
@@ -214,7 +213,7 @@ class Trainer:
         if self.processes.is_first and self._events is None:
             self._events = Events(inside_for_others(self.run.path, "tensorboard"))
         stopped = False
-        with nullcontext() if self.config.compiled else as_written():
+        with as_written():
             if self._teacher is not None and self.steps == 0:
                 if not self._imitate(self._teacher, report, stop):
                     return

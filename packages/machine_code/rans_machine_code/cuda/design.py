@@ -212,8 +212,8 @@ def up(number: int, step: int) -> int:
     return -(-number // step) * step
 
 
-def padded(x: Tensor, shape: Sequence[int], value: float = 0.0) -> Tensor:
-    """With zeros, or another value, at the ends of all axes."""
+def padded(x: Tensor, shape: Sequence[int]) -> Tensor:
+    """With zeros at the ends of all axes."""
     missing = [want - have for have, want in zip(x.shape, shape, strict=True)]
     gaps = [gap for n in reversed(missing) for gap in (0, n)]
-    return functional.pad(x, gaps, value=value)
+    return functional.pad(x, gaps)

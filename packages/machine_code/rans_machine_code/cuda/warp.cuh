@@ -25,14 +25,6 @@ __device__ inline void gather(unsigned (&rows)[4], const unsigned short* from, i
       : "=r"(rows[0]), "=r"(rows[1]), "=r"(rows[2]), "=r"(rows[3]) : "r"(at) : "memory");
 }
 
-// The same of 16 x 16 numbers that lie by column: the second and third of the four change places.
-__device__ inline void gather_turned(unsigned (&rows)[4], const unsigned short* from, int stride) {
-  const int row = lane() & 15, column = lane() / 16 * 8;
-  const unsigned at = unsigned(__cvta_generic_to_shared(from + row * stride + column));
-  asm volatile("ldmatrix.sync.aligned.m8n8.x4.trans.shared.b16 {%0,%1,%2,%3}, [%4];"
-      : "=r"(rows[0]), "=r"(rows[1]), "=r"(rows[2]), "=r"(rows[3]) : "r"(at) : "memory");
-}
-
 __device__ inline float total(float x) {
   for (int other = 16; other; other /= 2) x += __shfl_xor_sync(~0u, x, other);
   return x;
