@@ -80,12 +80,13 @@ class Init(Options):
             console.say(sentence)
         console.say(f"Written: {self.file}" + (f" and {picture}" if picture else ""))
         console.say("Its numbers are those of what it begins from: write your own into it.")
+        # What cannot be steered is not worth a flight or a training.
         file = shlex.quote(str(self.file))
         agent = FOR_ANY_CRAFT[craft.dimension]
-        console.suggest(
-            *([f"rans compare {file}", f"rans view {agent}@{file}"] if steerable else []),
-            f"rans list {file}",
-            # What cannot be steered is not worth a training.
-            *([f"rans validate {file} --quick"] if steerable else []),
-            *(training(craft, str(self.file)) if steerable else []),
-        )
+        flights = [
+            f"rans compare {file}",
+            f"rans view {agent}@{file}",
+            f"rans validate {file} --quick",
+        ]
+        worth = [*flights, *training(craft, str(self.file))] if steerable else []
+        console.suggest(*worth, f"rans list {file}")

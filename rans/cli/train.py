@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from tyro.conf import UseAppendAction, arg
 
+from rans.api.judging import compare
 from rans.api.training import as_it_comes, config_of, ready_trainer, train
 from rans.cli import STARTED
 from rans.cli.door import Options, command_of, word
@@ -175,10 +176,10 @@ class Train(Options):
         begun_at = trainer.steps
         console = Terminal()
         if trainer.imitates and trainer.steps == 0:
-            console.say(
-                f"This training imitates {trainer.imitates}, and ends as soon as that solves the task. "
-                "Reinforcement learning from random weights: add --rl."
-            )
+            begins = f"This training begins by imitation of {trainer.imitates}"
+            if trainer.config.solved_share is not None:
+                begins += ", and ends as soon as that solves the task; without imitation: add --rl"
+            console.say(f"{begins}.")
         with TrainingProgress(trainer.config.total_timesteps) as progress, StopGently() as stop:
             trainer.train(progress.show, stop)
         console.say(_summary(trainer, begun_at, stop.requested, time.monotonic() - STARTED))
@@ -187,7 +188,10 @@ class Train(Options):
         if is_shown and (page := _live_page(trainer.run.path)):
             console.say(f"Open {page} in a browser to see it fly.")
         if not stop.requested or trainer.ended:
-            console.suggest(*self._next(trainer, _without_training(trainer)))
+            untrained = _without_training(trainer)
+            if untrained:
+                console.say(_verdict(trainer, untrained))
+            console.suggest(*self._next(trainer, untrained))
         return stop.code
 
     def _next(self, trainer: Trainer, untrained: str = "") -> list[str]:
@@ -201,22 +205,16 @@ class Train(Options):
         guard = ["--guard"] if trainer.config.guard else []
         same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
         config = trainer.config
-        rivals = [_judged(trainer)]
-        if config.settings.draws_trade_off:
-            rivals = [f"{path}#{value}" for value in ("0", "0.5", "1")]
-        rivals += LEARNERS[config.algorithm].contestants(config, trainer.engine.craft)
-        compare = shlex.join(["rans", "compare", *rivals, *same])
-        if untrained:
-            agent = untrained.partition("@")[0]
-            compare = f"{compare} {shlex.quote(untrained)}   # is it better than {agent}, which needs no training?"
-        commands = [shlex.join(["rans", "evaluate", path, *same]), compare]
+        learner = LEARNERS[config.algorithm].contestants(config, trainer.engine.craft)
+        rivals = [*_judged(trainer), *learner, *filter(None, [untrained])]
+        commands = [
+            shlex.join(["rans", "evaluate", path, *same]),
+            shlex.join(["rans", "compare", *rivals, *same]),
+        ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
-        if is_quick and self.task is not None and self.resume is None:
-            words = ["rans", "train", self.task]
-            if self.spacecraft is not None:
-                words += ["--spacecraft", self.spacecraft]
-            if self.conditions is not None:
-                words += ["--conditions", self.conditions]
+        # The config of a run says how long to train.
+        if is_quick and self.task is not None and not self.task.endswith(".json"):
+            words = ["rans", "train", self.task, *self.changed("spacecraft", "conditions")]
             # Settings of the task say what is asked and observed; others may contradict the quality.
             settings = [change for change in self.set if _is_setting(trainer.config, change)]
             for change in ["guard=true"] * len(guard) + settings:
@@ -236,14 +234,27 @@ def _without_training(trainer: Trainer) -> str:
     is_nominal = not config.guard and config.conditions.or_none is None
     if not is_nominal or trust_option(config, trainer.engine.craft):
         return ""
-    name = ContestantName.parse(_judged(trainer))
+    name = ContestantName.parse(_judged(trainer)[0])
     return without_training([name], contest_of(name, 1))
 
 
-def _judged(trainer: Trainer) -> str:
-    """Name under which a comparison flies the agent; of several tasks or trade-offs the first."""
-    part = next(iter(trainer.config.settings.parts()))
-    return f"{trainer.run.path}#{part}" if part else str(trainer.run.path)
+def _verdict(trainer: Trainer, untrained: str) -> str:
+    """What to take of the agent and the one ``untrained``, by flights of both from the same starts."""
+    from rans.evaluation.fly.choice import FLIGHTS
+    from rans.show.tables.comparison_tables import verdict
+
+    starts = FLIGHTS[trainer.engine.craft.dimension]
+    comparison = compare(*_judged(trainer), untrained, beside=(), episodes=starts)
+    agent = untrained.partition("@")[0]
+    said = f"Beside {agent}, which needs no training, from {starts} starts:"
+    return " ".join([said, *verdict(comparison), *comparison.failures])
+
+
+def _judged(trainer: Trainer) -> list[str]:
+    """Names under which a comparison flies the agent: at three trade-offs, and of several tasks the first."""
+    path, task = str(trainer.run.path), trainer.config.settings
+    parts = ["0", "0.5", "1"] if task.draws_trade_off else [next(iter(task.parts()))]
+    return [f"{path}#{part}" if part else path for part in parts]
 
 
 def _is_setting(config: TrainConfig, change: str) -> bool:

@@ -118,28 +118,28 @@ class ActionRecorder:
 
 
 def flights_of_training(
-    controller: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+    controller: Controller, setup: Setup, count: int = FLIGHTS
 ) -> RecordedFlights:
     """Flights from the starts of training, under the setup's conditions, without those that failed.
 
     An episode of a training ends where it fails, so that nothing is known of an agent beyond. If every flight
     failed, all of them are returned.
     """
-    flights, failed = recorded(controller, setup, seed, count)
+    flights, failed = recorded(controller, setup, count)
     return flights if failed.all() else flights.of(~failed)
 
 
 def recorded(
-    controller: Controller, setup: Setup, seed: int = FLIGHT_SEED, count: int = FLIGHTS
+    controller: Controller, setup: Setup, count: int = FLIGHTS
 ) -> tuple[RecordedFlights, np.ndarray]:
     """Flights of the first `STEPS` periods from the starts of training, and whether each failed, (N,).
 
-    Valid ranges and golden pairs are of these flights: another seed or count makes other files.
+    Valid ranges and golden pairs are of these flights: another count makes other files.
     """
     recorder = ActionRecorder(controller)
     timing = setup.timing
     short = replace(timing, episode_steps=min(timing.episode_steps, STEPS), substeps=None)
-    flight = fly_episodes(recorder, setup._replace(timing=short), seed, count)
+    flight = fly_episodes(recorder, setup._replace(timing=short), FLIGHT_SEED, count)
     return recorder.flights, flight.failed()
 
 

@@ -57,7 +57,6 @@ class Exporter(Protocol):
         folder: Path,
         form: str = ...,
         episodes: int = ...,
-        seed: int = ...,
         *,
         name: str = ...,
     ) -> dict[str, Any]:
@@ -80,7 +79,6 @@ def write_export(
     folder: Path,
     form: str = "rans",
     episodes: int = 1024,
-    seed: int = EVALUATION_SEED,
     least: float = 0.0,
     prefix: str = "",
     spec: str = "",
@@ -96,7 +94,7 @@ def write_export(
     trained one has that of the folder. Everything is written anew: nothing that was hidden in the run's files is
     handed on.
 
-    For the card so many episodes are flown from starts of the seed under each of `fitting_protocols` and, by
+    For the card so many episodes are flown under each of `fitting_protocols` and, by
     a multi-task agent, with each of its tasks; 0: there is no card. An agent that was exported before keeps its
     card. The prefix is that of a `Format` which takes one, and the spec the contestant's text, of which the
     contract's evidence is.
@@ -138,7 +136,7 @@ def write_export(
     # Its contract, and what the conditions of a flight may be.
     check_alone(folder, form, pairs)
     if episodes and "evaluation" not in card:
-        card |= evaluated(str(run), fitting_protocols(craft), episodes, seed)
+        card |= evaluated(str(run), fitting_protocols(craft), episodes, EVALUATION_SEED)
     if (percent := solved_percent(card)) < least:
         raise ConfigError(
             f"{percent:.3g} % of the flights of {name} are solved, and an agent that loses half of them is not "

@@ -62,7 +62,7 @@ class Processes:
         _collective(dist.all_gather, parts, mine)
         return torch.stack(parts, dim=1).flatten(0, 1)
 
-    def uniform_like(self, mine: Tensor, generator: torch.Generator | None = None) -> Tensor:
+    def uniform_like(self, mine: Tensor, generator: torch.Generator | None) -> Tensor:
         """Random numbers in [0, 1) for the rows (T, rows, ...) of this process; all processes must call it."""
         draw = partial(torch.rand, dtype=mine.dtype, device=mine.device, generator=generator)
         if self.size == 1:

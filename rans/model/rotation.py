@@ -44,13 +44,13 @@ def spin_series(
     inertia: Sequence[Field],
     h: Field,
     steady: Vec3 | None,
-    stored: Sequence[Vec3] = (),
-    swell: Sequence[Field] = (),
-    carried: Sequence[Vec3] = (),
-    radial: Vec3 | None = None,
-    gradient: Sequence[Field] = (),
-    rotors: Sequence[Sequence[Field]] = (),
-    added: Sequence[Sequence[Field]] = (),
+    stored: Sequence[Vec3],
+    swell: Sequence[Field],
+    carried: Sequence[Vec3],
+    radial: Vec3 | None,
+    gradient: Sequence[Field],
+    rotors: Sequence[Sequence[Field]],
+    added: Sequence[Sequence[Field]],
 ) -> tuple[Series, Series]:
     """Taylor series of the angular velocity and of its derivative in the elapsed share of a step.
 

@@ -62,8 +62,8 @@ def spatial_inertia(
     craft: Spacecraft,
     body: Body,
     index: int,
-    left: float = 1.0,
-    moving: Sequence[tuple[float, np.ndarray]] = (),
+    left: float,
+    moving: Sequence[tuple[float, np.ndarray]],
 ) -> SpatialInertia:
     """Mass, centre of mass and inertia of the rigid part of one of many spacecraft, in the author's frame G.
 

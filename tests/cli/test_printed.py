@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shlex
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -18,30 +17,29 @@ from rans.model.spacecraft_file import load_spacecraft
 from validation.study.checks import Check, Skipped, Study
 
 
-def test_the_suggested_training_keeps_settings_of_the_task():
-    """Also by their short names; others, such as a number of steps, may contradict the quality."""
-    command = training.Train("go-to-pose", set=("thrust_weight=0.1", "n_steps=8"))
-    trainer: Any = SimpleNamespace(
-        run=SimpleNamespace(path=Path("runs/a")),
+def trainer_of(command: training.Train) -> Any:
+    return SimpleNamespace(
+        run=SimpleNamespace(path="runs/a"),
         config=command.resolved(),
         engine=SimpleNamespace(craft=load_spacecraft("floating-platform")),
     )
+
+
+def test_the_suggested_training_keeps_settings_of_the_task():
+    """Also by their short names; others, such as a number of steps, may contradict the quality."""
+    command = training.Train("go-to-pose", set=("thrust_weight=0.1", "n_steps=8"))
+    trainer = trainer_of(command)
     better = command._next(trainer)[-1].partition("   #")[0]
     assert better == "rans train go-to-pose --set thrust_weight=0.1 --quality good"
+    assert len(training.Train("config.json")._next(trainer)) == 2  # the file has a length
 
 
 @pytest.mark.parametrize("task", ["go-to-pose-priced", "multi-task"])
 def test_what_a_training_suggests_is_of_tasks_that_a_comparison_takes(task):
     command = training.Train(task)
-    config = command.resolved()
-    craft = load_spacecraft("floating-platform")
-    trainer: Any = SimpleNamespace(
-        run=SimpleNamespace(path=Path("runs/a")),
-        config=config,
-        engine=SimpleNamespace(craft=craft),
-    )
+    trainer = trainer_of(command)
     compared = shlex.split(command._next(trainer)[1])[2:]
-    assert all(name.partition("#")[2] in config.settings.parts() for name in compared)
+    assert all(name.partition("#")[2] in trainer.config.settings.parts() for name in compared)
 
 
 def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:

@@ -320,9 +320,9 @@ class Adaptation(NamedTuple):
 def estimator(
     tokens: tuple[tuple[float, ...], ...],
     authority: tuple[float, ...],
-    keeps_weak: bool = False,
-    filling: tuple[float, ...] = (),
-    has_checks: bool = False,
+    keeps_weak: bool,
+    filling: tuple[float, ...],
+    has_checks: bool,
 ) -> Adaptation:
     """Estimator of a spacecraft, for a policy that adapts.
 

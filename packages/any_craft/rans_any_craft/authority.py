@@ -376,9 +376,9 @@ def of_body(
     observed: Layout,
     body: Sequence[Field],
     authority: Authority,
-    coast: float = 0.0,
-    farthest: tuple[Field, Field] | None = None,
-    frugality: Frugality = AS_TRAINED,
+    coast: float,
+    farthest: tuple[Field, Field] | None,
+    frugality: Frugality,
 ) -> list[Field]:
     """Columns of an observation; the order of changes is trained.
 

@@ -54,7 +54,7 @@ def balanced(columns: np.ndarray, shared: bool = False) -> np.ndarray:
     return reaches(columns, np.stack([axes, -axes], axis=1).reshape(-1, len(axes)), shared)
 
 
-def cone_pushes(columns: np.ndarray, shared: bool = False) -> np.ndarray:
+def cone_pushes(columns: np.ndarray, shared: bool) -> np.ndarray:
     """Changes of velocity (4,) that are possible in all directions within 45 degrees of +x, -x, +y and -y.
 
     The spin is balanced. Thrusters at 45 degrees to the axes push least between them. The least reach of a cone is

@@ -191,10 +191,10 @@ Objective = MinimumFuel | MinimumEnergy | MaximumReward | MinimumTime
 
 def objective_of(
     name: ObjectiveName,
-    horizon: float | None = None,
-    control_period: float = 0.2,
-    ending: Literal["exact", "set"] = "exact",
-    intervals: int = 50,
+    horizon: float | None,
+    control_period: float,
+    ending: Literal["exact", "set"],
+    intervals: int,
 ) -> Objective:
     """The objective of this name.
 

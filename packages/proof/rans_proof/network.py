@@ -63,11 +63,9 @@ _TINY = 1e-30
 0, count, too: a thousand of them are below 1e-35."""
 
 
-def read_network(
-    file: Path, around: tuple[Sequence[float], Sequence[float]] | None = None
-) -> list[Layer]:
+def read_network(file: Path) -> list[Layer]:
     """Layers of the network in an ONNX file; arguments and errors as for `network_of`."""
-    return network_of(read_bytes(file, LARGEST), file, around)
+    return network_of(read_bytes(file, LARGEST), file)
 
 
 def network_of(

@@ -49,7 +49,6 @@ def write_foreign_export(
     folder: Path,
     form: str = "onnx",
     episodes: int = 1024,
-    seed: int = EVALUATION_SEED,
     *,
     name: str = "",
 ) -> dict[str, Any]:
@@ -63,7 +62,6 @@ def write_foreign_export(
         folder: folder to write.
         form: "onnx".
         episodes: flights for the card under each protocol; 0: no card is made.
-        seed: of their starts.
         name: of the policy; "": that of the folder.
 
     Raises:
@@ -116,7 +114,7 @@ def write_foreign_export(
         "training": None,
         "source": Path(spec.removeprefix("onnx:")).name.partition(":")[0],
     }
-    card |= evaluated(spec, fitting_protocols(run.craft), episodes, seed)
+    card |= evaluated(spec, fitting_protocols(run.craft), episodes, EVALUATION_SEED)
     write_json(folder / "card.json", card)
     return card
 

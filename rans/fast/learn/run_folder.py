@@ -213,8 +213,8 @@ def read_config(file: Path) -> TrainConfig:
         raise ConfigError(f"{file}: {error}") from error
 
 
-def run_path(config: TrainConfig, folder: Path = Path("runs")) -> Path:
-    """First unused folder for a training of this config."""
+def run_path(config: TrainConfig) -> Path:
+    """First unused folder under runs/ for a training of this config."""
     stem = f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}"
-    candidates = (folder / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
+    candidates = (Path("runs") / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
     return next(path for path in candidates if not path.exists())

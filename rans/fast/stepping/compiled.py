@@ -103,7 +103,7 @@ class TorchCompiledStep:
 
 
 def stepping(
-    backend: Backend, compiled: bool, plain: bool = False
+    backend: Backend, compiled: bool, plain: bool
 ) -> Callable[[World, Episode, Tensor, Draws], Step]:
     """Function that steps one engine's episodes; all of them agree to rounding (`tests/fast/stepping`)."""
     if plain:

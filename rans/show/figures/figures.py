@@ -32,7 +32,7 @@ def episode_figure(flight: Flight, episode: int = 0, zones: panels.Zones = ()) -
     return figure
 
 
-def save_flight_figures(flight: Flight, folder: Path, suffix: str = "") -> None:
+def save_flight_figures(flight: Flight, folder: Path, suffix: str) -> None:
     """Write ``evaluation.svg`` and, of the first episode, ``episode.svg``, the suffix before the dot."""
     figures = {
         "evaluation": charts_figure([*flight_charts(flight)]),

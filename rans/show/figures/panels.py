@@ -196,16 +196,14 @@ def episode_errors(axes: Axes, flight: Flight, episode: int) -> None:
     label(axes, "(b) errors", "", "error / tolerance")
 
 
-def timeline(
-    axes: Axes, flight: Flight, episode: int, colour: str = BLUE, letter: str = "c"
-) -> None:
+def timeline(axes: Axes, flight: Flight, episode: int) -> None:
     """When each thruster of one episode was open; without thrusters, how much of its torque each wheel gave."""
     command = flight.openings[:, episode].T
     what = ("open thrusters", "thruster")
     if not flight.craft.thrusters:
         command = np.abs(flight.commands[:, episode].T)
         what = ("torques of wheels, of the largest", "wheel")
-    shades = LinearSegmentedColormap.from_list("open", [f"{colour}00", colour])
+    shades = LinearSegmentedColormap.from_list("open", [f"{BLUE}00", BLUE])
     axes.imshow(
         command,
         aspect="auto",
@@ -217,4 +215,4 @@ def timeline(
     )
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
     axes.grid(visible=False)
-    label(axes, f"({letter}) {what[0]}", "time, s", what[1])
+    label(axes, f"(c) {what[0]}", "time, s", what[1])

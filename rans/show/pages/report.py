@@ -215,9 +215,7 @@ def _curves(curves: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
         yield Chart(over or "size", quantity, series, f"{title}.", logarithmic="xy")
 
 
-def training_section(
-    rows: Sequence[Mapping[str, Any]], name: str = "", method: Any = ""
-) -> Section | None:
+def training_section(rows: Sequence[Mapping[str, Any]], name: str, method: Any) -> Section | None:
     """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys.
 
     None for rows of many trainings, as `rans sweep` of version 0.3 wrote them.
