@@ -25,17 +25,12 @@ def examples(file: Path) -> list[doctest.Example]:
     return doctest.DocTestParser().get_examples(file.read_text("utf-8"))
 
 
-ROWS = [
-    pytest.param(file, row, id=f"{file.parent.name}-{row.source[:50].strip()}")
-    for room in ("tests", "packages")
-    for file in sorted((ROOT / room).rglob("refused.txt"))
-    for row in examples(file)
-    if row.want
-]
+FILES = [file for room in ("tests", "packages") for file in (ROOT / room).rglob("refused.txt")]
 
 
 @functools.cache
 def prepared(file: Path) -> dict[str, Any]:
+    """Names of a file, whose objects no test sees end."""
     names: dict[str, Any] = {}
     for row in examples(file):
         if not row.want:
@@ -57,16 +52,27 @@ def test_a_command_is_refused_in_a_sentence_and_writes_nothing(line, words, refu
     assert list(here.iterdir()) == []
 
 
-@pytest.mark.parametrize(("file", "row"), ROWS)
-def test_a_sentence_names_what_is_wrong(file, row, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.parametrize("file", sorted(FILES), ids=lambda file: str(file.parent.relative_to(ROOT)))
+@pytest.mark.usefixtures("here")
+def test_a_sentence_names_what_is_wrong(file):
+    """Of every row; a note names the one that fails."""
     names = prepared(file)
+    for row in examples(file):
+        if row.want:
+            check(row, names)
+
+
+def check(row: doctest.Example, names: dict[str, Any]) -> None:
     kind, words = row.want.rstrip("\n").split(": ", 1)
     error = names.get(kind) or getattr(errors, kind, None) or getattr(builtins, kind)
     says = "(?s)" + ".*".join(map(re.escape, words.split("...")))
     catch: Any = pytest.warns if issubclass(error, Warning) else pytest.raises
-    with catch(error, match=says) as caught:
-        exec(row.source, names)
-    if kind == "ConfigError":
-        assert str(caught.value).endswith((".", "?"))
-        assert "\n" not in str(caught.value)
+    try:
+        with catch(error, match=says) as caught:
+            exec(row.source, names)
+        if kind == "ConfigError":
+            assert str(caught.value).endswith((".", "?"))
+            assert "\n" not in str(caught.value)
+    except BaseException as wrong:
+        wrong.add_note(f"line {row.lineno + 1}: {row.source}")
+        raise

@@ -112,7 +112,7 @@ def test_a_price_that_falls_near_the_goal_is_that_of_every_form(name: str, tmp_p
     own = run.network
     frugality = numbers_of(own.architecture)._replace(away=3.0)
     network = Network(replace(own.architecture, frugal=tuple(frugality)), own.tensors)
-    batches = list(asked(network, run.judged, 24))
+    batches = list(asked(network, run.judged, 8))
     check_forms(network, batches, tmp_path)
 
 

@@ -40,8 +40,7 @@ def within(apart: Apart, force: float = 0.5) -> None:
         # Nozzles of 7.3 N once lost a state in 1 of 3 flights, and in this one.
         (("tank", "latency", "ramps"), 2, 0.1, 0, 2.0, 7.3),
         # Eleven steps a period, and three for nozzles that share thrust.
-        ((STIFF,), 3, 0.2, 1, 5.0, None),
-        ((STIFF,), 3, 0.2, 4, 8.0, None),
+        ((STIFF,), 3, 0.2, 4, 4.0, None),
     ],
 )
 def test_effects_together_agree_with_scipy(effects, dimension, period, seed, seconds, force):
@@ -55,9 +54,6 @@ def test_one_step_of_a_stiff_craft_would_not_do():
 @pytest.mark.parametrize(
     ("effects", "dimension", "period", "seconds"),
     [
-        ((PLACE, "wheels"), 2, 0.5, 5.0),
-        ((PLACE,), 3, 0.2, 5.0),
-        ((PLACE, "wheels"), 3, 0.5, 3.0),
         ((PLACE, "orbit", "push"), 2, 0.2, 3.0),
         ((PLACE, "wheels", GRADIENT), 3, 0.5, 3.0),
         ((PLACE, "gravity", "body"), 3, 0.2, 3.0),

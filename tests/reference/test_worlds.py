@@ -23,7 +23,7 @@ from tests.support.crafts import nasty_planar, nasty_spatial, random_states
 from validation.study.sampling import Restless, gaps
 
 COUNT = 2
-STEPS = {2: 25, 3: 10}
+STEPS = {2: 12, 3: 5}
 """Spacecraft side by side; control periods of 0.2 s, fewer in space, where each takes substeps. Errors show after
 a few."""
 

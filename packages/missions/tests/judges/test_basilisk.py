@@ -3,10 +3,8 @@
 import pytest
 from rans_missions.judges.basilisk import Case, cases, rows
 
-CASES = [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in ("wheels", "gradient", "slosh")))
-    for name in cases()
-]
+CASES = [pytest.param(name, marks=[pytest.mark.slow] * (name != "thrusters")) for name in cases()]
+"""What else flies there flies beside SciPy or Drake in the default run."""
 
 
 @pytest.mark.parametrize("name", CASES)
