@@ -344,10 +344,11 @@ class ValueLearner:
         self._loss = fused(self._loss_of, device)
         sides = (self.problem.turn, self.problem.hand, self.problem.place)
         self._turn, self._hand, self._place = (x.to(device) for x in sides)
-        # Flights of the last rounds, and labels of the last iterations.
+        # Flights of the last rounds, and labels of the last periods, of which a new one replaces the oldest.
         self._ends = example
         self._flights: list[tuple[Tensor, Tensor]] = []
-        self._labels: list[tuple[Tensor, ...]] = []
+        self._labels: list[Tensor] = []
+        self._labelled = 0
         # Batches of states and of labels, at addresses that stay, and the gradient steps on them.
         self._sample: list[Tensor] = []
         self._batch: list[Tensor] = []
@@ -381,7 +382,7 @@ class ValueLearner:
             loss = torch.stack(losses).mean()
         elif self._progress < imitated:
             self._fly()
-            labels = [torch.cat(x) for x in zip(*self._labels, strict=True)]
+            labels = [x[: self._labelled].flatten(0, 1) for x in self._labels]
             count = 30 * self._own.updates
             norm = self._steps(self._descent, labels, self.settings.batch_size, count)
         else:
@@ -538,12 +539,16 @@ class ValueLearner:
             command = torch.where(own, mode, label).gather(1, order)
             acted = Acted(command, slot.log_prob, slot.value, command, None)
             unit = _DECIDED * (1.0 + self.problem.price(state))
-            self._labels.append((columns, patterns.transpose(0, 1).bool(), (regret / unit).T))
+            labels = columns, patterns.transpose(0, 1).bool(), (regret / unit).T
+            if not self._labels:
+                self._labels = [x.new_empty(_LABELLED * self.n_steps, *x.shape) for x in labels]
+            for kept, x in zip(self._labels, labels, strict=True):
+                kept[self._labelled % len(kept)] = x
+            self._labelled += 1
             network.update_statistics(columns[None])
             step = engine.step(engine.commands(command))
             remember(observation, acted, None, step, slot, rollout)
             observation = step.observation
-        del self._labels[: -_LABELLED * len(rollout.steps)]
 
     def _steps(self, step: Any, rows: list[Tensor], size: int, count: int) -> Tensor:
         """Gradient steps of the policy on batches of rows; returns the mean norm."""

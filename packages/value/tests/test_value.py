@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -182,6 +183,18 @@ def test_labels_are_costs_above_the_best_of_two_periods():
     cost = regret.where((patterns == best).all(dim=2), 0.0).sum(dim=0)
     assert (cost == 0).float().mean() > 0.75
     assert (regret > 0.01).float().mean() > 0.5
+
+
+def test_labels_of_new_periods_replace_the_oldest(monkeypatch):
+    monkeypatch.setattr("rans_value.learner._LABELLED", 2)
+    made = learner()
+    columns = []
+    for _ in range(3):
+        made._fly()
+        columns.append(made._labels[0].clone())
+    old, new = [False] * made.n_steps, [True] * made.n_steps
+    changed = [(a != b).any(dim=(1, 2)).tolist() for a, b in pairwise(columns)]
+    assert changed == [old + new, new + old]
 
 
 NEAR = GoToPosePriced(evaluation_distance=(0.3, 0.6)).for_evaluation()
