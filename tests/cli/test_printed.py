@@ -100,7 +100,6 @@ COMMANDS = {
     "list free-flyer": ["-0.219 -0.219 0"],
     f"list {AGENT}": [],
     "faults floating-platform": [],
-    f"assure {AGENT} --failure-below 1e-4 --episodes 0": [],
     "validate --quick --layer thrusters --output shown": [],
 }
 """Each with cells or words that must be whole."""

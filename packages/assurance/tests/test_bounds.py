@@ -54,8 +54,8 @@ def test_campaigns_end_early_on_either_side():
     made = plan(0.99, None, 1e-3)
     assert _ends(made, 1e-4, 100)[0] >= 0.99
     assert _ends(made, 1e-2, 100)[1] == 1.0
-    first = next(look for look in made.looks if made.allowed(look) >= 0)
-    assert made.allowed(first) == 0
+    first = next(look for look in made.looks if made.decision(0, look.flights) == "below")
+    assert made.decision(1, first.flights) != "below"
     # ln(1 / 0.0045) / ln(1 / 0.01) = 1.173: what looking costs where nothing fails.
     assert first.flights < 1.18 * flights_needed(1e-3, 0.01)
 
@@ -78,11 +78,3 @@ def test_a_plan_ends_where_numbers_of_flights_do():
     # ln(1 / 0.0045) / 1e-8 = 540 million; four times as many have numbers of 31 bits, eight times have not.
     late = plan(0.99, None, 1e-8).looks[-3:]
     assert [round(look.flights / 1e6) for look in late] == [540, 1081, 2147]
-
-
-def test_what_a_look_allows_is_the_most_that_it_finds_rare_enough():
-    made = plan(0.99, None, 1e-3)
-    for look in made.looks[-4:]:
-        most = made.allowed(look)
-        assert made.decision(most, look.flights) == "below"
-        assert made.decision(most + 1, look.flights) != "below"

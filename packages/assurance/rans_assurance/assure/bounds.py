@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from scipy.stats import beta, binom
+from scipy.stats import beta
 
 from rans.extend import ConfigError
 
@@ -103,20 +103,6 @@ class CampaignPlan:
         if upper(failures, flights, stage.high_level) <= self.below:
             return "below"
         return "above" if lower(failures, flights, stage.low_level) > self.below else "open"
-
-    def allowed(self, stage: Look) -> int:
-        """Largest number of failures that is rare enough at a look; -1: none is.
-
-        SciPy's quantile may be one too large, which the second line corrects: the level is never passed.
-        """
-        if self.below is None:
-            return -1
-        allowed = int(binom.ppf(stage.high_level, stage.flights, self.below))
-        return (
-            allowed
-            if binom.cdf(allowed, stage.flights, self.below) <= stage.high_level
-            else allowed - 1
-        )
 
 
 def plan(confidence: float, episodes: int | None, below: float | None = None) -> CampaignPlan:

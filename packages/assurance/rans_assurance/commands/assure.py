@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import inspect
 from typing import TYPE_CHECKING
 
 from rans.extend import Options, Table, Terminal, command_of, say, word
-from rans_assurance.functions import ASSURED, assure
+from rans_assurance.functions import assure
 
 if TYPE_CHECKING:
     from rans_assurance.assure.assurance import Assurance
@@ -22,8 +21,7 @@ class Assure(Options):
 
     Writes assurance.json, of which `rans dossier` makes a page. Failed flights are repeated in NumPy and in
     Drake; `rans view` shows them. With --failure-below the exit code is 1 unless the bound
-    was shown. Ctrl-C keeps what was flown. --episodes 0 flies nothing, and prints
-    how many flights the campaign takes.
+    was shown. Ctrl-C keeps what was flown.
     """
 
     group = "Judge"
@@ -39,9 +37,6 @@ class Assure(Options):
         """Fly, repeat failed flights, write and print the results; 1 if an asked bound was not shown."""
         from rans.extend import ContestantName, contestant
 
-        if self.episodes == 0:
-            _print_plan(self.failure_below)
-            return 0
         folder = self.output or ContestantName.parse(self.agent).output_folder
         assurance = self.call(output=folder, show=_show)
         campaign = assurance.campaign
@@ -77,23 +72,3 @@ def _show(assurance: Assurance) -> None:
         console.command(assurance.view(worst_replay.number))
     assert assurance.file is not None
     console.say(f"Written to {assurance.file}.")
-
-
-def _print_plan(failure_below: float | None) -> None:
-    """Print how many flights each look of the plan takes, and how many failures it allows; nothing flies."""
-    from rans_assurance.assure.bounds import plan as planned
-
-    confidence = inspect.signature(assure).parameters["confidence"].default
-    plan = planned(confidence, ASSURED if failure_below is None else None, failure_below)
-    rows = [
-        (
-            f"{look.flights:,}",
-            f"at most {allowed:,}" if (allowed := plan.allowed(look)) >= 0 else "-",
-            f"{look.high_level:.2g}",
-            f"{look.low_level:.2g}",
-        )
-        for look in plan.looks
-    ]
-    chances = ("chance of error, at most", "chance of error, at least")
-    columns = ("flights", "failures that show the bound", *chances)
-    Terminal(room=100).table(Table(columns, rows, f"At {plan.confidence:g} confidence"))
