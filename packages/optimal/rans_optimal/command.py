@@ -59,7 +59,7 @@ class Optimal(Options):
     """Compute optimal trajectories with partly open thrusters, and fly them in Drake.
 
     The trajectories are references: thrusters may open partly, so they are neither controllers nor
-    certificates. Writes optimal.json, optimal.npz, optimal.csv and optimal.html, a replay. The exit code is
+    certificates. Writes optimal.json, optimal.csv and optimal.html, a replay. The exit code is
     1 if a start has no trajectory that Drake flies.
 
     For missions on an orbit (dock, hold, rendezvous) it computes the least impulse by a deadline, with a
@@ -148,7 +148,7 @@ class Optimal(Options):
         def write_all() -> None:
             if self.certify:
                 about["bounds"] = [asdict(bound) for bound in bounds]
-            write(folder, about, answers, craft, starts)
+            write(folder, about, answers, craft)
 
         # Before all that takes long and may be interrupted.
         write_all()
@@ -176,7 +176,7 @@ class Optimal(Options):
         page = "optimal.html, " if flights else ""
         Terminal().say(
             f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to {folder}: {page}"
-            "optimal.json, optimal.npz and optimal.csv."
+            "optimal.json and optimal.csv."
         )
         # With a time of its own the objective may be too short for weak thrusters. Least time finds its own.
         if lost and self.objective != "time":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -25,7 +24,6 @@ from rans.extend import (
     environment,
     leaves,
     map_leaves,
-    replace_file,
     to_toml,
     unseen,
     write_json,
@@ -272,40 +270,19 @@ def write(
     about: dict[str, Any],
     answers: Sequence[Optimum],
     craft: Spacecraft,
-    starts: Scenario,
 ) -> None:
-    """Write optimal.json, the answers, and the trajectories, if there are some, as optimal.npz and optimal.csv.
+    """Write optimal.json, the answers, and the trajectories, if there are some, as optimal.csv.
 
-    The arrays of optimal.npz: ``states`` (N, T + 1, leaves) in the order that ``leaves`` names, ``commands``
-    (N, T, thrusters) and ``control_period`` (N,); NaN where a problem was not solved.
-    ``starts`` and ``goals`` (N, fields) are the scenarios, with the notes of the task. spacecraft.toml is the
-    spacecraft.
-    optimal.csv has a row for every instant of the trajectories that were solved, with the commands of the
-    period that begins there, empty at the last one.
+    It has a row for every instant of the trajectories that were solved, with the commands of the
+    period that begins there, empty at the last one. spacecraft.toml is the spacecraft.
 
     Raises:
         ConfigError: a file cannot be written.
     """
-    paths = [answer.trajectory for answer in answers]
     rows = {"starts": [answer.to_json() for answer in answers]} if answers else {}
     write_json(folder / "optimal.json", {**about, "environment": environment(), **rows}, beside=())
     if not answers:
         return
-    # Rows of trajectories that were not solved are NaN.
-    solved = np.array([1.0 if p.solved else np.nan for p in paths])[:, None, None]
-    arrays = io.BytesIO()
-    np.savez_compressed(
-        arrays,
-        **{
-            "states": solved * np.stack([np.stack(leaves(p.states), axis=-1) for p in paths]),
-            "commands": solved * np.stack([p.commands for p in paths]),
-            "control_period": np.array([p.control_period for p in paths]),
-            "leaves": np.array(_names(paths[0].states)),
-            "starts": np.stack(leaves(starts.start), axis=-1),
-            "goals": np.stack(leaves(starts.goal), axis=-1),
-        },
-    )
-    replace_file(folder / "optimal.npz", lambda draft: draft.write_bytes(arrays.getvalue()))
     write_text(folder / "spacecraft.toml", to_toml(craft))
     write_text(folder / "optimal.csv", _csv(answers))
 

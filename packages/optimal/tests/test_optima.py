@@ -65,17 +65,10 @@ def test_lost_starts_are_rows_with_a_sentence_and_files_hold_everything(tmp_path
     table = optima.optima_table("title", FUEL, answers)
     assert len(table.rows) == 3
     assert table.note.count("Start ") == 2
-    optima.write(tmp_path, {"seed": 5}, answers, PLATFORM, batch)
+    optima.write(tmp_path, {"seed": 5}, answers, PLATFORM)
     written = json.loads((tmp_path / "optimal.json").read_text())
     assert written["seed"] == 5
     assert [row["good"] for row in written["starts"]] == [True, False, False]
-    with np.load(tmp_path / "optimal.npz") as arrays:
-        assert arrays["states"].shape == (3, 21, 6)
-        assert arrays["commands"].shape == (3, 20, 8)
-        assert np.isnan(arrays["states"][2]).all()
-        path = answers[0].trajectory
-        column = list(arrays["leaves"]).index("heading")
-        assert np.array_equal(arrays["states"][0, :, column], path.states.attitude.angle)
 
 
 def test_a_trajectory_that_drake_does_not_fly_is_lost():
