@@ -14,6 +14,7 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rans.extend import (
     ConfigError,
@@ -373,7 +374,12 @@ def _turned_in_space(
     moments, principal = np.linalg.eigh(inertia(craft))
     time = float(edges[-1])
     left = time - edges
-    first, last = (_matrix(x) for x in (start, goal))
+    first, last = (
+        Rotation.from_quat(
+            [float(value) for value in leaves(x.attitude)], scalar_first=True
+        ).as_matrix()
+        for x in (start, goal)
+    )
     angle = float(np.linalg.norm(rotation_vector(start.attitude.to(goal.attitude))))
     cosines = np.sum((first @ principal) * (last @ principal), axis=0)
     axes = np.maximum(np.arccos(np.clip(cosines, -1.0, 1.0)) - tolerances.heading - 1e-7, 0.0)
@@ -467,18 +473,3 @@ def _leaning(
             lean.append(np.isin(np.arange(count), cells) / scale)
             free.append((speed * half / least + offset * (end - begin)) / scale)
     return np.stack(basis, axis=2), np.stack(lean, axis=1), np.array(free)
-
-
-def _matrix(state: State) -> np.ndarray:
-    """(3, 3) rotation matrix R_WB of a state of numbers.
-
-    Of a state of numbers with a unit quaternion, w first; from B to W.
-    """
-    w, x, y, z = (float(value) for value in leaves(state.attitude))
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rans.extend import Quat
 
@@ -60,17 +61,9 @@ def quaternion_of(heading: float) -> np.ndarray:
     return np.array([np.cos(heading / 2.0), 0.0, 0.0, np.sin(heading / 2.0)])
 
 
-def rotated(quaternion: Vector, vector: Vector) -> np.ndarray:
-    """A vector of the body in the world."""
-    w = float(quaternion[0])
-    u = np.asarray(quaternion[1:], dtype=float)
-    v = np.asarray(vector, dtype=float)
-    return v + 2.0 * np.cross(u, np.cross(u, v) + w * v)
-
-
-def conjugate(quaternion: np.ndarray) -> np.ndarray:
-    """The inverse rotations of unit quaternions (..., 4), scalar first."""
-    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+def rotation(quaternion: Vector) -> Rotation:
+    """Rotation of a unit quaternion (w, x, y, z)."""
+    return Rotation.from_quat(quaternion, scalar_first=True)
 
 
 def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -81,5 +74,5 @@ def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def small_turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Small rotations (..., 3), rad, in B, from attitudes (..., 4) to others."""
-    turn = quaternion_products(conjugate(begin), end)
+    turn = quaternion_products(begin * [1.0, -1.0, -1.0, -1.0], end)
     return 2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)

@@ -11,7 +11,7 @@ from typing import Any, Literal, NamedTuple, get_args
 import numpy as np
 
 from rans.extend import ConfigError, brief
-from rans_robot.frames import Motion, conjugate, rotated, swapped
+from rans_robot.frames import Motion, rotation, swapped
 from rans_robot.messages import (
     FLOATS,
     INTEGERS,
@@ -172,7 +172,7 @@ class Interface:
                 head = _microseconds(now) | {"pose_frame": 1, "velocity_frame": 1, "quality": 100}
             elif kind == ODOMETRY:
                 # As ROS has it, the twist is in the body's frame.
-                velocity = rotated(conjugate(motion.attitude), motion.velocity)
+                velocity = rotation(motion.attitude).inv().apply(motion.velocity)
                 published = motion._replace(velocity=velocity)
                 head["child_frame_id"] = "body"
             for name, path in _MOTION_FIELDS[kind].items():
@@ -236,10 +236,11 @@ def read_motion(kind: str, data: bytes) -> Reading:
         return Reading(int(message.timestamp_sample) * 1000, *swapped(Motion(**found)))
     head = message.header
     if kind == ODOMETRY:
+        turn = rotation(found["attitude"])
         if frame_of_twist(head.frame_id, message.child_frame_id) == "body":
-            found["velocity"] = rotated(found["attitude"], found["velocity"])
+            found["velocity"] = turn.apply(found["velocity"])
         else:
-            found["spin"] = rotated(conjugate(found["attitude"]), found["spin"])
+            found["spin"] = turn.inv().apply(found["spin"])
     measured = head.stamp.sec * 10**9 + head.stamp.nanosec
     return Reading(measured, **found, frame=head.frame_id)
 

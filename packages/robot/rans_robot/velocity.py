@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans_robot.frames import Motion
+from rans_robot.frames import Motion, rotation
 
 _LONGEST_GAP = 1.0
 """s without a pose after which the filter begins anew."""
@@ -58,8 +58,8 @@ class VelocityFilter:
 
         # Rotation: what turns the predicted attitude into the measured one, in the body frame.
         to_attitude, to_spin = self._angular.gains(step)
-        turned = _rotation(last.attitude) * Rotation.from_rotvec(step * last.spin)
-        amiss = (turned.inv() * _rotation(attitude)).as_rotvec()
+        turned = rotation(last.attitude) * Rotation.from_rotvec(step * last.spin)
+        amiss = (turned.inv() * rotation(attitude)).as_rotvec()
         corrected = turned * Rotation.from_rotvec(to_attitude * amiss)
 
         self._time = time
@@ -70,11 +70,6 @@ class VelocityFilter:
             last.spin + to_spin * amiss,
         )
         return self._motion
-
-
-def _rotation(quaternion: np.ndarray) -> Rotation:
-    """Rotation of a unit quaternion (w, x, y, z)."""
-    return Rotation.from_quat(quaternion, scalar_first=True)
 
 
 class _Axis:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rans_robot.frames import Motion, quaternion_of, rotated, swapped
+from rans_robot.frames import Motion, quaternion_of, rotation, swapped
 from rans_robot.interfaces import Interface
 from rans_robot.messages import PX4_MOTORS, pack, unpack
 from rans_robot.twin import Craft, TwinPlan
@@ -83,7 +83,7 @@ def test_frames_by_examples():
     assert px4.spin == pytest.approx([0.1, -0.2, -0.3])
     # In NED east is +y: a yaw of 90 degrees about down.
     assert np.abs(px4.attitude) == pytest.approx([np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5)])
-    assert rotated(px4.attitude, (1.0, 0.0, 0.0)) == pytest.approx([0.0, 1.0, 0.0])
-    assert rotated(px4.attitude, (0.0, 0.0, 1.0)) == pytest.approx([0.0, 0.0, 1.0])
+    assert rotation(px4.attitude).apply((1.0, 0.0, 0.0)) == pytest.approx([0.0, 1.0, 0.0])
+    assert rotation(px4.attitude).apply((0.0, 0.0, 1.0)) == pytest.approx([0.0, 0.0, 1.0])
     for ours, theirs in zip(facing_east, swapped(px4), strict=True):
         assert theirs == pytest.approx(ours)

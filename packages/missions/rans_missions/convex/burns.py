@@ -3,7 +3,7 @@
 In a drift the position at any instant is affine in the burns until then, so that the flight of least impulse along
 the axes that keeps linear constraints is a linear program. What is not linear, such as a ball that is kept out of,
 is taken as its tangents at the flight before: programs follow one another until their price no longer falls. Where
-no flight keeps all constraints of a program, some are eased at a price, and the next one begins from what it finds.
+no flight keeps all constraints of a program, a distance eases them at a price, and the next begins from that.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class Solved(NamedTuple):
 
 
 def cheapest(
-    matrix: np.ndarray, side: np.ndarray, begins: np.ndarray, eased: np.ndarray, most: float
+    matrix: np.ndarray, side: np.ndarray, begins: np.ndarray, most: float
 ) -> Solved | None:
     """The burns of least impulse with matrix @ burns >= side; None: the solver ends without them.
 
@@ -43,7 +43,6 @@ def cheapest(
         matrix: what burns add to each constraint, (m, n) s.
         side: least of each sum, (m,) m.
         begins: which constraints the program has at first, (m,); those that its flight breaks join them.
-        eased: number of the distance by which each constraint may be eased, from 0 on; -1: by none, (m,).
         most: largest change of velocity of a control period along an axis, m/s.
     """
     size = matrix.shape[1]
@@ -52,16 +51,16 @@ def cheapest(
     used = begins.copy()
     if not used.any():
         used[0] = True
-    easing = eased[:, None] == np.arange(eased.max() + 1)
-    costs = np.concatenate([np.ones(2 * size), np.full(easing.shape[1], _EASING)])
-    matrix = np.hstack([matrix, -matrix, easing])
+    # One distance eases all.
+    costs = np.append(np.ones(2 * size), _EASING)
+    matrix = np.hstack([matrix, -matrix, np.ones((len(matrix), 1))])
     ease = 0.0
     for _ in range(_CUTS):
         program = linprog(
             costs,
             A_ub=-matrix[used],
             b_ub=-side[used],
-            bounds=[(0.0, most)] * (2 * size) + [(0.0, ease)] * easing.shape[1],
+            bounds=[(0.0, most)] * (2 * size) + [(0.0, ease)],
             method="highs-ds",
             options={"presolve": False},
         )

@@ -234,11 +234,9 @@ class InspectionSearch:
                 rows.append(effect)
                 sides.append(limit - side * np.einsum("ti,ti->t", unit[at], free[at]))
                 begins.append(side * distance[at] < limit + 0.5)
-        # One distance eases all.
         return cheapest(
             np.concatenate(rows),
             np.concatenate(sides),
             np.concatenate(begins),
-            np.zeros(sum(map(len, sides)), int),
             self._most,
         )

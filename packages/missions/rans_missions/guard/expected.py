@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from rans.extend import Conditions, Setup, bounds, scenarios
+from rans_missions.guard.manoeuvres import on_both_sides
 
 _RARE = 0.05
 """Chance that a reading of an episode is too optimistic by more than the reserve. A craft comes nearer then, but
@@ -96,16 +97,13 @@ def _slopes(setup: Setup, starts: Any, of: str) -> dict[str, float]:
 
     Reserves are errors times these, so that a gradient that is larger elsewhere is not covered.
     """
-    vector = getattr(starts.start, of)
-    columns = vector.columns()
     squares: dict[str, Any] = {}
-    for axis in range(len(columns)):
-        ends = []
-        for step in (_STEP, -_STEP):
-            shifted = [x + step if k == axis else x for k, x in enumerate(columns)]
-            state = replace(starts.start, **{of: type(vector)(*shifted)})
-            ends.append(setup.task.constraints(state, starts.goal))
-        for name in ends[0]:
-            slope = (np.asarray(ends[0][name]) - np.asarray(ends[1][name])) / (2.0 * _STEP)
+
+    def margins(vector: Any) -> dict[str, Any]:
+        return setup.task.constraints(replace(starts.start, **{of: vector}), starts.goal)
+
+    for ahead, back in on_both_sides(getattr(starts.start, of), _STEP, margins):
+        for name in ahead:
+            slope = (np.asarray(ahead[name]) - np.asarray(back[name])) / (2.0 * _STEP)
             squares[name] = squares.get(name, 0.0) + slope**2
     return {name: float(np.sqrt(np.max(x))) for name, x in squares.items()}

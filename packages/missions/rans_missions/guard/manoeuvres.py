@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -176,21 +178,22 @@ def check_throttles(craft: Spacecraft) -> None:
 
 def slope_of_least(world: World, state: Any, goal: Any) -> Any:
     """Gradient of the least margin of a task's constraints over the position in W, up to a positive factor."""
-    task = world.task
 
     def least(p: Vector) -> Field:
-        result = None
-        for margin in task.constraints(replace(state, p=p), goal).values():
-            result = margin if result is None else where(margin < result, margin, result)
-        return result
+        margins = world.task.constraints(replace(state, p=p), goal).values()
+        return reduce(lambda a, b: where(b < a, b, a), margins)
 
-    columns = state.p.columns()
-    slopes = []
-    for axis in range(len(columns)):
-        shifted = [x + _STEP if k == axis else x for k, x in enumerate(columns)]
-        back = [x - _STEP if k == axis else x for k, x in enumerate(columns)]
-        slopes.append(least(type(state.p)(*shifted)) - least(type(state.p)(*back)))
-    return type(state.p)(*slopes)
+    return type(state.p)(*(ahead - back for ahead, back in on_both_sides(state.p, _STEP, least)))
+
+
+def on_both_sides(vector: Any, step: float, function: Callable[[Any], Any]) -> Iterator[Any]:
+    """Along each axis a function's values a step ahead of a vector and a step back."""
+    columns = vector.columns()
+    for axis, x in enumerate(columns):
+        ahead, back = (
+            type(vector)(*columns[:axis], x + by, *columns[axis + 1 :]) for by in (step, -step)
+        )
+        yield function(ahead), function(back)
 
 
 def _unit(v: Any) -> Any:
