@@ -303,7 +303,7 @@ def compare(
                 with watched(save) as shown:
                     fly(later, slow, stages=shown)
         except KeyboardInterrupt:
-            result.note_interrupt(bounded, cache is not None)
+            result.note_interrupt(bounded)
             raise
     return result
 

@@ -188,26 +188,15 @@ class Comparison(NotebookRepr):
         slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))
         return names[:slow], names[slow:]
 
-    def note_interrupt(self, certified: int, kept: bool) -> None:
-        """Note the progress of an interrupted comparison.
-
-        Bounds are counted if they are ``kept`` in a file. Without one the note says that none was computed:
-        certification may have been far from its turn.
-        """
+    def note_interrupt(self, certified: int) -> None:
+        """Note the progress of an interrupted comparison, of whose starts so many were to be bounded."""
         self.is_partial = True
         stage = f' in the stage "{self.stage}"' if self.stage else ""
         flown = counted(len(self.entries), "contestant")
         complete = self.certified_starts(*self.events())
         count = len(complete if self.mission is None else self.mission.lower)
         asked = min(certified, self.contest.episodes)
-        bounds = f"bounds were computed from {count} of {asked} starts"
-        if not count:
-            bounds = (
-                "no start had all its bounds" if self.certified else "no bound had been computed"
-            )
-        if self.certified and kept:
-            every = asked * len(self.events())
-            bounds += f"; {len(self.certified)} of {every} bounds are kept for the next run"
+        bounds = f"{count} of {asked} starts had all their bounds"
         self.notes.insert(0, f"Interrupted{stage}: {flown} had flown, and {bounds}.")
 
     def fly(

@@ -215,14 +215,9 @@ def _curves(curves: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
         yield Chart(over or "size", quantity, series, f"{title}.", logarithmic="xy")
 
 
-def training_section(rows: Sequence[Mapping[str, Any]], name: str, method: Any) -> Section | None:
-    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys.
-
-    None for rows of many trainings, as `rans sweep` of version 0.3 wrote them.
-    """
+def training_section(rows: Sequence[Mapping[str, Any]], name: str, method: Any) -> Section:
+    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys."""
     last = rows[-1]
-    if "member" in last:
-        return None
     hero = ""
     if {"success", "steps"} <= last.keys():
         hero = (
@@ -317,8 +312,6 @@ def _agreement(both: Mapping[str, Any]) -> Iterator[Fact]:
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
     """Contestants (see `rans.show.tables.comparison_tables.outcome`), a line each; compare.html has the rest."""
     rows = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
-    # Files of former versions have neither sentence nor tiles.
-    said = "; ".join(f"{name} {outcome}" for name, outcome in rows[:3])
     tiles = [
         Fact(str(tile["label"]), str(tile["value"]), note=str(tile["note"]))
         for tile in comparison.get("tiles", ())
@@ -331,7 +324,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         failures=comparison["failures"],
         notes=comparison.get("notes", ()),
         link="compare.html",
-        hero=str(comparison.get("hero") or (f"{said}." if said else "")),
+        hero=str(comparison.get("hero", "")),
     )
 
 
