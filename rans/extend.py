@@ -95,8 +95,8 @@ if TYPE_CHECKING:
     from rans.files import first_line as first_line
     from rans.files import inside as inside
     from rans.files import read_bytes as read_bytes
-    from rans.files import read_json as read_json
     from rans.files import read_text as read_text
+    from rans.files import reading as reading
     from rans.files import ready_folder as ready_folder
     from rans.files import replace_file as replace_file
     from rans.files import write_json as write_json

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rans import system
-from rans.errors import ConfigError, RansWarning, meant_file
+from rans.errors import ConfigError, RansError, RansWarning, brief, meant_file
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can affect measurements."""
@@ -546,6 +546,29 @@ def read_json_lines(file: Path) -> list[dict[str, Any]]:
         except ConfigError as error:
             raise ConfigError(f"{file}, line {line}: {error}") from error
     return values
+
+
+@contextlib.contextmanager
+def reading(file: Path) -> Iterator[Any]:
+    """Context of code that takes the value of a JSON file, or the objects of a .jsonl file, for what RANS writes.
+
+    Raises:
+        ConfigError: the file cannot be read (`read_json`, `read_json_lines`), or the code in the context fails at
+            a value that is missing, or of another kind: the file is a stranger's, edited or of another version.
+    """
+    content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
+    try:
+        yield content
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        reason = "a value is missing, or of another kind or size than it must be"
+        if isinstance(error, RansError):  # such as a name in a registry
+            reason = str(error).rstrip(".")
+        elif isinstance(error, KeyError):
+            reason = f"there is no {brief(error.args[0])}"
+        raise ConfigError(
+            f"{file} is not what RANS writes there: {reason}. It was probably edited by hand, or is of another "
+            "version: write it again by its command, or delete it."
+        ) from error
 
 
 def folders_with(folder: Path, names: Iterable[str]) -> str:

@@ -33,10 +33,10 @@ class Export(Options):
 
     def run(self) -> int:
         """Write the export and print its files and what to run next; the exit code is 0."""
-        from rans.deploy.export import solved_percent
         from rans.deploy.forms import FORMATS
         from rans.evaluation.fly.contestant_name import ContestantName
         from rans.evaluation.fly.contestants import contestant
+        from rans.fast.learn.run_folder import solved_percent
 
         with doing(f"flying {self.agent} for its contract and its card"):
             output, card = exported(

@@ -26,6 +26,7 @@ from rans.effectors.commands import of_outputs
 from rans.episode import Setup
 from rans.errors import ConfigError
 from rans.evaluation.fly.episodes import fly_episodes
+from rans.evaluation.fly.exported import FORMAT
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.files import git_revision, package_version
 from rans.flight import Controller, begin_flight
@@ -165,7 +166,7 @@ def contract(
     conditions = config.conditions
     return {
         # Whose contract it is.
-        "format": 3,
+        "format": FORMAT,
         "agent": name,
         "task": config.task,
         "settings": to_table(config)["settings"],

@@ -31,12 +31,11 @@ from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
 from rans.fast.learn.config import PPOSettings, to_table
-from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.run_folder import RunFolder, solved_percent
 from rans.files import (
     environment,
     inside,
     plain,
-    read_json,
     read_text,
     replace_file,
     write_json,
@@ -175,12 +174,6 @@ def write_export(
     return card
 
 
-def solved_percent(card: dict[str, Any]) -> float:
-    """Solved flights of a card, %, of the worst of an agent's tasks in its own conditions."""
-    by_task = card.get("evaluation", {}).get("own", {})
-    return min((float(figures["solved"][0]) for figures in by_task.values()), default=100.0)
-
-
 def stack_of(folder: Path) -> int | None:
     """Bytes of stack that agent.h in a folder states; None: there is none, or no compiler measured it."""
     file = folder / "agent.h"
@@ -247,9 +240,7 @@ def write_agent(
 
 def _agent_name(run: RunFolder) -> str:
     """Name on the card of an agent that was exported before, or comes with RANS; "" of a training."""
-    file = inside(run.path, "card.json")
-    card = {} if run.metrics_file.exists() or not file.exists() else read_json(file)
-    return str(card.get("name", "")) if isinstance(card, dict) else ""
+    return "" if run.metrics_file.exists() else run.card().get("name", "")
 
 
 def _card(run: RunFolder) -> dict[str, Any]:
@@ -258,10 +249,12 @@ def _card(run: RunFolder) -> dict[str, Any]:
     Keys of cards are an interface: pages, registries and exports of exports read them.
     """
     if run.metrics_file.exists():
-        return {"training": _training(run)}
-    file = inside(run.path, "card.json")
-    card = read_json(file) if file.exists() else None
-    if not isinstance(card, dict):
+        if training := run.training():
+            return {"training": training}
+        raise ConfigError(
+            f"{run.metrics_file} is empty, so that a card could not say how the agent was trained."
+        )
+    if not (card := run.card()):
         raise ConfigError(
             f"{run.path} has no metrics.jsonl and no card, so that a card could not say how "
             "the agent was trained: export the run itself."
@@ -298,24 +291,3 @@ def _judged(spec: str, protocol: ProtocolName, episodes: int, seed: int) -> dict
             r.name: [*(float(f"{x:.5g}") for x in (r.value, r.low, r.high)), r.unit] for r in rows
         }
     return result
-
-
-def _training(run: RunFolder) -> dict[str, Any]:
-    """Training of an agent, as its card has it: seed, steps, time, device and versions.
-
-    Keys are those of cards, which exports of exports take over.
-    """
-    rows = run.metrics()
-    config = run.config()
-    if not rows:
-        raise ConfigError(
-            f"{run.metrics_file} is empty, so that a card could not say how the agent was trained."
-        )
-    about = read_json(run.config_file).get("about", {})
-    return {
-        "seed": config.seed,
-        "steps": rows[-1]["steps"],
-        "seconds": rows[-1]["seconds"],
-        "device": config.device,
-        "environment": about.get("environment", {}),
-    }

@@ -35,7 +35,8 @@ from rans.extend import (
     environment,
     inside,
     read_bytes,
-    read_json,
+    reading,
+    structure,
     write_json,
 )
 from rans.show.pages.page import header
@@ -146,6 +147,22 @@ class Row:
     """See `Fact`."""
 
 
+@dataclass(frozen=True)
+class _Written:
+    """Content of dossier.json."""
+
+    agent: str
+    hashes: dict[str, str]
+    rows: tuple[Row, ...]
+    environment: dict[str, str]
+
+    @classmethod
+    def read(cls, file: Path) -> _Written:
+        """Read what `Dossier.write` wrote; `ConfigError` if it is damaged."""
+        with reading(file) as table:
+            return structure(table, cls, str(file))
+
+
 UNPROVED = Row(
     "evidence",
     "proof: none is known for agents, rans prove takes networks of ONNX files with plants of formulas",
@@ -243,15 +260,6 @@ class Dossier:
             fact.measured,
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Content of dossier.json."""
-        return {
-            "agent": self.name,
-            "hashes": self.hashes,
-            "rows": [asdict(row) for row in self.rows],
-            "environment": environment(),
-        }
-
     def parts(self) -> list[Section]:
         """A section a question, in the order in which an engineer asks, with the rows that answer it."""
         sections = []
@@ -288,7 +296,8 @@ class Dossier:
 
     def write(self) -> None:
         """Write dossier.json and dossier.html, with the sections of all evidence below the rows."""
-        write_json(self.file, self.to_json())
+        written = _Written(self.name, self.hashes, (*self.rows,), environment())
+        write_json(self.file, asdict(written))
         hashes = Table(("what", "SHA-256"), [*self.hashes.items()])
         first, *others = self.parts()
         leading = replace(first, hero=self.verdict)
@@ -306,13 +315,10 @@ class Dossier:
         """
         if not self.file.exists():
             raise ConfigError(f"{self.file} is not there: rans dossier {self.name} writes it.")
-        written = _mapping(read_json(self.file))
-        try:
-            before = {(row["file"], row["what"]): Row(**row) for row in written["rows"]}
-        except (LookupError, TypeError) as error:
-            raise ConfigError(f"{self.file} is not what RANS writes there: {error!r}.") from error
+        written = _Written.read(self.file)
+        before = {(row.file, row.what): row for row in written.rows}
         for key, value in self.hashes.items():
-            if _mapping(written.get("hashes")).get(key) != value:
+            if written.hashes.get(key) != value:
                 yield f"the dossier is of another agent: {key} differs"
         yield from _differences(before, self.rows, "its file says", is_exact=True)
 
@@ -353,8 +359,9 @@ class Dossier:
 
 def _about(file: Path) -> dict[str, Any]:
     """How a file of results was made: command, environment and hashes; nothing where it does not say."""
-    content = _mapping(read_json(file))
-    return content | _mapping(content.get("about"))
+    with reading(file) as content:
+        table = _mapping(content)
+        return table | _mapping(table.get("about"))
 
 
 def _mapping(value: Any) -> dict[str, Any]:
@@ -396,11 +403,11 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
     if written is None:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
     rows = []
-    for row in read_json(written)["rows"]:
-        values: dict[str, Any] = {
-            key: x.replace(str(place), "") if isinstance(x, str) else x for key, x in row.items()
-        }
-        rows.append(Row(**values))
+    for row in _Written.read(written).rows:
+        texts = {key: x for key, x in asdict(row).items() if isinstance(x, str)}
+        rows.append(
+            replace(row, **{key: x.replace(str(place), "") for key, x in texts.items()})  # pyrefly: ignore[bad-argument-type]
+        )
     return rows
 
 

@@ -11,12 +11,11 @@ from typing import Any
 
 from rans.extend import (
     Bound,
-    ConfigError,
     Contest,
     Event,
     Progress,
     each,
-    read_json,
+    reading,
     to_toml,
     unseen,
     write_json,
@@ -105,9 +104,5 @@ def _revived(row: dict[str, Any]) -> Bound:
 
 
 def _read(cache: Path) -> dict[str, Bound]:
-    try:
-        return {key: _revived(row) for key, row in read_json(cache).items()}
-    except (AttributeError, KeyError, TypeError, ValueError, ArithmeticError) as error:
-        raise ConfigError(
-            f"{cache} does not hold bounds; delete it, and they are searched again."
-        ) from error
+    with reading(cache) as rows:
+        return {key: _revived(row) for key, row in rows.items()}

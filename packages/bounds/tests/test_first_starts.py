@@ -82,7 +82,7 @@ def test_what_is_kept_comes_back_whole(asked, tmp_path):
     assert [a.start for a in certified_bounds(CONTEST, 2, EVENTS, cache)] == [0, 0, 1, 1]
     assert len(asked) == 4
     cache.write_text('{"key": 3}')
-    with pytest.raises(ConfigError, match=r"bounds\.json does not hold bounds; delete it"):
+    with pytest.raises(ConfigError, match=r"bounds\.json is not what RANS writes there"):
         list(certified_bounds(CONTEST, 1, EVENTS, cache))
 
 

@@ -7,7 +7,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from rans.extend import ConfigError, read_json, read_text, write_json
+from rans.extend import ConfigError, read_text, reading, write_json
 
 FLAGS = (
     *("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror"),
@@ -24,11 +24,11 @@ def compiled_check(folder: Path) -> str:
         ConfigError: as `_found`, or the folder has no contract.
     """
     found = _found(folder)
-    contract = read_json(folder / "contract.json")
-    about = contract.get("c", {})
-    if "stack" in about:
-        found = f"{found} It needs {about['stack']:,} bytes of stack."
-    contract["c"] = about | {"checked": found}
+    with reading(folder / "contract.json") as contract:
+        about = contract.get("c", {})
+        if "stack" in about:
+            found = f"{found} It needs {about['stack']:,} bytes of stack."
+        contract["c"] = about | {"checked": found}
     write_json(folder / "contract.json", contract)
     return f"{found} Add agent.c to your firmware, and call it as the first lines of agent.h do."
 

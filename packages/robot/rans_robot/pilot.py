@@ -42,8 +42,8 @@ from rans.extend import (
     is_finite,
     positive,
     read_contract,
-    read_json,
     read_text,
+    reading,
     scenario,
 )
 from rans.safety_filters import safety_filter
@@ -558,8 +558,8 @@ def exported_agent(folder: Path) -> Any:
     if not runs_code(folder):
         agent: Any = _Network(folder)
         file = inside(folder, "golden.json")
-        with _failing(file):
-            right, count = _right_pairs(agent, read_json(file))
+        with reading(file) as pairs:
+            right, count = _right_pairs(agent, pairs)
     else:
         module = code_of(file)
         with _failing(file):

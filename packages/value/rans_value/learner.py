@@ -42,7 +42,7 @@ from rans.extend import (
     TrainConfig,
     craft_of,
     fused,
-    read_json,
+    reading,
     remember,
     whole,
 )
@@ -840,8 +840,8 @@ class Newest(GreedyController):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
             is_value = False
-            with suppress(ConfigError, AttributeError):
-                is_value = read_json(file).get("algorithm") == "value"
+            with suppress(ConfigError), reading(file) as table:
+                is_value = table.get("algorithm") == "value"
             if is_value and run.has_checkpoint:
                 config = run.config()
                 if (
@@ -922,8 +922,12 @@ class Value(Algorithm):
         return cls.started(replace(config, algorithm="value", learner={}))
 
     @classmethod
-    def contestants(cls, config: TrainConfig, craft: Spacecraft) -> list[str]:
-        """The value function at three trade-offs."""
+    def contestants(cls, config: TrainConfig) -> list[str]:
+        """The value function at three trade-offs, of a craft that can be named: no code of a stranger's config."""
+        try:
+            craft = craft_of(config)
+        except ConfigError:
+            return []
         task = "go-to-pose-priced" if type(config.settings) in _POSES else config.task
         name = f"value:{task}-{craft.dimension}d@{config.spacecraft}"
         return [f"{name}#{x}" for x in ("0", "0.5", "1")]

@@ -378,7 +378,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     # The comparison that a training suggests is of several trade-offs, also where the agent has none.
     plain = replace(config, task="go-to-pose", settings=TASKS["go-to-pose"]())
     contest = contest_of("lqr:go-to-pose-2d", episodes=4)
-    rivals: list[Any] = [enlist(name, contest) for name in Value.contestants(plain, PLATFORM)]
+    rivals: list[Any] = [enlist(name, contest) for name in Value.contestants(plain)]
     assert [rival.controller._trade_off for rival in rivals] == [0.0, 0.5, 1.0]
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):

@@ -28,14 +28,12 @@ from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import MODULES, Maker, default_opponents
 from rans.evaluation.fly.episodes import EngineName
-from rans.evaluation.fly.exported import is_exported
 from rans.evaluation.fly.make_controller import CheckedController, controller
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.fly.user_policy import UserPolicy
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import inside, read_json
 from rans.flight import Controller
 from rans.model.random import seed_words
 from rans.randomization.conditions import Conditions
@@ -285,21 +283,9 @@ def _check_same(spec: str, run: LoadedRun, contest: Contest) -> None:
 
 def _tuning(name: ContestantName) -> str:
     """Effort of the training of an agent or a policy, from its files."""
-    if name.kind == "policy":
+    training = {} if name.kind == "policy" else RunFolder(name.own_folder).training()
+    if not training:
         return _UNKNOWN
-    folder = name.own_folder
-    if is_exported(folder) and not (folder / "card.json").exists():
-        return _UNKNOWN
-    card = inside(folder, "card.json")
-    run = RunFolder(folder)
-    if card.exists():
-        training: dict[str, Any] | None = read_json(card)["training"]
-        if training is None:  # of another library
-            return _UNKNOWN
-    elif rows := run.metrics():
-        training = {**rows[-1], "device": run.config().device}
-    else:
-        return "training: not known"
     device = "a GPU" if training["device"].startswith("cuda") else "a CPU"
     # Agents of any craft are trained by gradients through the flights, which nobody counts as steps.
     steps = f"{training['steps'] / 1e6:,.1f} M steps, " if training["steps"] else ""

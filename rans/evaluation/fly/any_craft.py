@@ -15,7 +15,7 @@ from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import read_json, ready_folder, replace_file, write_json, write_text
+from rans.files import ready_folder, replace_file, write_json, write_text
 from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
@@ -187,7 +187,7 @@ def write_for_spacecraft(source: Path, run: LoadedRun, folder: Path) -> Path:
     write_json(folder / "config.json", table)
     write_text(folder / "spacecraft.toml", to_toml(craft))
     # The agent stays the same one; the other figures of the card are those of another craft.
-    card = read_json(source / "card.json")
+    card = RunFolder(source).card()
     write_json(
         folder / "card.json", {key: card[key] for key in ("name", "training") if key in card}
     )

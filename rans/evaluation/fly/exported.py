@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 from rans.errors import ConfigError, brief, one_line, positive
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.user_policy import user_policy
-from rans.files import inside, read_json, read_text
+from rans.files import inside, read_text, reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
 from rans.model.timing import Timing
@@ -21,6 +21,21 @@ from rans.tasks import TASKS, Task
 CONTRACT = "contract.json"
 FORMAT = 3
 """Number of the form of contracts, which another meaning of a key makes another one."""
+
+
+@dataclass(frozen=True)
+class _Contract:
+    """What RANS reads of a contract; its other entries are for people and firmware."""
+
+    agent: str
+    task: str
+    settings: dict[str, Any]
+    spacecraft: dict[str, Any]
+    readings: dict[str, Any]
+    observation: tuple[dict[str, Any], ...]
+    control_period: float
+    episode_steps: int | None = None
+    """None: of an earlier export."""
 
 
 def is_exported(folder: Path) -> bool:
@@ -39,26 +54,18 @@ def read_contract(folder: Path) -> dict[str, Any]:
             that it names.
     """
     file = inside(folder, CONTRACT)
-    table = read_json(file)
-    if not isinstance(table, dict):
-        raise ConfigError(f"{file} is damaged: it must be a table, got {brief(table)}.")
-    if (form := table.get("format")) != FORMAT:
-        raise ConfigError(
-            f"{file} is of format {brief(form)}, and this version of RANS reads format {FORMAT}: export the agent "
-            "again."
-        )
-    for kind, word, keys in (
-        (str, "name", ("task", "agent")),
-        (dict, "table", ("settings", "spacecraft", "readings")),
-        (list, "list", ("observation",)),
-    ):
-        for key in keys:
-            if not isinstance(table.get(key), kind):
-                raise ConfigError(
-                    f"{file} is damaged: {key} must be a {word}, got {brief(table.get(key))}."
-                )
+    with reading(file) as table:
+        if (form := table.get("format")) != FORMAT:
+            raise ConfigError(
+                f"{file} is of format {brief(form)}, and this version of RANS reads format {FORMAT}: export the "
+                "agent again."
+            )
+        names = {field.name for field in fields(_Contract)}
+        read = structure({key: table[key] for key in names & table.keys()}, _Contract, str(file))
+        columns = [column["column"] for column in read.observation]
+        oldest = read.readings["oldest"]
     # The spacecraft is that of the file beside it.
-    craft = table["spacecraft"]
+    craft = read.spacecraft
     beside = inside(folder, "spacecraft.toml")
     own = hashlib.sha256(read_text(beside, LARGEST_TOML).encode()).hexdigest()
     named = [craft.get(key) for key in ("file", "sha256")]
@@ -68,11 +75,15 @@ def read_contract(folder: Path) -> dict[str, Any]:
             f"{beside} has {own[:8]}: one of them was probably edited after the export, and the agent was made for "
             "what was there before. Export it again."
         )
-    if not table["observation"]:
-        raise ConfigError(f"{file} is damaged: its observation has no columns.")
-    one_line(f"agent in {file}", table["agent"])
-    positive(f"readings.oldest in {file}", table["readings"].get("oldest"))
-    structure({"control_period": table.get("control_period")}, Timing, str(file))
+    if not columns or columns != [*range(len(columns))]:
+        raise ConfigError(
+            f"the columns of the observation in {file} must be numbered from 0, one after the other, got "
+            f"{brief(columns)}."
+        )
+    one_line(f"agent in {file}", read.agent)
+    positive(f"readings.oldest in {file}", oldest)
+    timing = {"control_period": read.control_period, "episode_steps": read.episode_steps}
+    structure({key: x for key, x in timing.items() if x is not None}, Timing, str(file))
     return table
 
 

@@ -42,7 +42,7 @@ class Algorithm(ABC):
         return None
 
     @classmethod
-    def contestants(cls, config: TrainConfig, craft: Spacecraft) -> list[str]:
+    def contestants(cls, config: TrainConfig) -> list[str]:
         """Names under which what is learnt beside the network flies the task; by default there is nothing."""
         return []
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import json
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rans import files
-from rans.errors import ConfigError, brief, meant_file
+from rans.errors import ConfigError, brief, meant_file, one_line, whole
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import TrainConfig, from_table, to_table
@@ -15,6 +16,7 @@ from rans.model.foreign import FORMATS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
 from rans.pretrained import FOR_ANY_CRAFT
+from rans.structure import structure
 
 CHECKPOINT = "checkpoint.safetensors"
 """File from which a training resumes."""
@@ -22,6 +24,15 @@ _LARGEST_CHECKPOINT = 2**33
 """Size limit, bytes: several times that of a million environments."""
 _COUNTS = "steps", "seconds", "success"
 """Keys in every row of metrics, besides those of the task."""
+
+
+@dataclass(frozen=True)
+class _Effort:
+    """What is read of a card's training."""
+
+    steps: int
+    seconds: float
+    device: str
 
 
 class RunFolder:
@@ -48,6 +59,7 @@ class RunFolder:
         self.checkpoint_file = files.inside(path, CHECKPOINT)
         self.trained_file = files.inside(path, AGENT)
         self.nonfinite_file = files.inside(path, "nonfinite.safetensors")
+        self.card_file = files.inside(path, "card.json")
         self._archive = files.inside(path, "policy.zip")
         self._lock = files.Lock(files.inside(path, files.LOCK))
 
@@ -138,9 +150,9 @@ class RunFolder:
 
     def extend(self, config: TrainConfig, command: str) -> None:
         """Replace the config of a training that goes on for longer; its ``about`` names the command too."""
-        table = files.read_json(self.config_file)
-        about = table.get("about", {})
-        about["continued"] = [*about.get("continued", []), command]
+        with files.reading(self.config_file) as table:
+            about = table.get("about", {})
+            about["continued"] = [*about.get("continued", []), command]
         files.write_json(self.config_file, to_table(config) | {"about": about})
 
     def spacecraft(self) -> Spacecraft:
@@ -171,6 +183,42 @@ class RunFolder:
                 )
         return rows
 
+    def card(self) -> dict[str, Any]:
+        """Card of an agent that was exported (`rans.deploy.export`); empty: it has none.
+
+        Raises:
+            ConfigError: it is damaged.
+        """
+        if not self.card_file.exists():
+            return {}
+        with files.reading(self.card_file) as card:
+            one_line(f"name in {self.card_file}", card.get("name", self.path.name))
+            if (training := card["training"]) is not None:
+                effort = {key: training[key] for key in _Effort.__annotations__}
+                structure(effort, _Effort, f"{self.card_file}.training")
+            if "evaluation" in card:
+                whole(f"episodes in {self.card_file}", card["episodes"])
+                solved_percent(card)
+            return card
+
+    def training(self) -> dict[str, Any]:
+        """Training of an agent, as its card has it: seed, steps, time, device and versions; empty: not known.
+
+        Keys are those of cards, which exports of exports take over.
+        """
+        if not (rows := self.metrics()):
+            return self.card().get("training") or {}  # null: of another library
+        config = self.config()
+        with files.reading(self.config_file) as table:
+            versions = table.get("about", {}).get("environment", {})
+        return {
+            "seed": config.seed,
+            "steps": rows[-1]["steps"],
+            "seconds": rows[-1]["seconds"],
+            "device": config.device,
+            "environment": versions,
+        }
+
     def forget_after(self, steps: int) -> None:
         """Delete metrics after this step, which a resumed training will repeat."""
         rows = [row for row in self.metrics() if row["steps"] <= steps]
@@ -196,6 +244,12 @@ class RunFolder:
         """File of the agent: ``agent.safetensors``, or the ``policy.zip`` that SB3 opens if only that exists."""
         has_archive = self._archive.exists() and not self.trained_file.exists()
         return self._archive if has_archive else self.trained_file
+
+
+def solved_percent(card: dict[str, Any]) -> float:
+    """Solved flights of a card, %, of the worst of an agent's tasks in its own conditions."""
+    by_task = card.get("evaluation", {}).get("own", {})
+    return min((float(figures["solved"][0]) for figures in by_task.values()), default=100.0)
 
 
 def read_config(file: Path) -> TrainConfig:

@@ -20,9 +20,8 @@ from rans.files import (
     folders_with,
     inside,
     number,
-    read_json,
-    read_json_lines,
     read_text,
+    reading,
 )
 from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
@@ -161,11 +160,8 @@ def _read(file: Path, build: Callable[[Any], Any]) -> Any:
     inside(file.parent, file.name)
     if not file.is_file():
         return None
-    content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
-    try:
+    with reading(file) as content:
         return build(content) if content else None
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
-        raise ConfigError(f"{file} is not what RANS writes there: {error!r}.") from error
 
 
 def validation_section(study: Mapping[str, Any]) -> Section:
@@ -321,8 +317,8 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         f"{comparison['title']}.",
         [Table(("contestant", "outcome"), rows)],
         facts=[*tiles, *(Fact(*row) for row in rows), *_gaps(comparison)],
-        failures=comparison["failures"],
-        notes=comparison.get("notes", ()),
+        failures=[*map(str, comparison["failures"])],
+        notes=[*map(str, comparison.get("notes", ()))],
         link="compare.html",
         hero=str(comparison.get("hero", "")),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -84,19 +85,11 @@ def test_the_cost_of_an_agent_is_that_on_its_card(contest, monkeypatch, tmp_path
     (tmp_path / "card.json").write_text(json.dumps(card))
     assert tuning("pretrained:mine") == "training: 26.2 M steps, 0.255 s on a CPU"
     (tmp_path / "card.json").unlink()
-    assert tuning("pretrained:mine") == "training: not known"
+    assert tuning("pretrained:mine") == "not known"
 
 
-def test_the_cost_of_a_run_is_in_its_last_row(tmp_path, monkeypatch):
-    class Folder:
-        def __init__(self, folder: Path) -> None:
-            assert folder == tmp_path
-
-        def metrics(self) -> list[dict[str, float]]:
-            return [{"steps": 1e6, "seconds": 1.0}, {"steps": 3e6, "seconds": 12.0}]
-
-        def config(self) -> object:
-            return type("Config", (), {"device": "cpu"})
-
-    monkeypatch.setattr(entrants, "RunFolder", Folder)
-    assert tuning(str(tmp_path)) == "training: 3.0 M steps, 12 s on a CPU"
+def test_the_cost_of_a_run_is_in_its_last_row(trained, tmp_path):
+    run = Path(shutil.copytree(trained, tmp_path / "run"))
+    with (run / "metrics.jsonl").open("a") as rows:
+        rows.write('{"steps": 3000000, "seconds": 12.0, "success": 0.5}\n')
+    assert tuning(str(run)) == "training: 3.0 M steps, 12 s on a CPU"

@@ -100,7 +100,7 @@ def counts(result: Mapping[str, Any]) -> Table:
 def asked(result: Mapping[str, Any]) -> Iterator[Table]:
     """Requirement, length, starts and conditions; none in files of version 0.2.0."""
     if "scope" in result:
-        rows = [[str(text) for text in row] for row in result["scope"]["rows"]]
+        rows = [(str(what), str(text)) for what, text in result["scope"]["rows"]]
         yield Table(("what was asked", "it is"), rows, "What was asked")
 
 

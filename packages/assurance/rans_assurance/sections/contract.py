@@ -6,11 +6,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from rans.extend import Fact, Section, Table
+from rans.extend import Fact, Section, Table, read_contract
 
 
-def contract_section(_: Path, contract: Mapping[str, Any]) -> Section:
+def contract_section(file: Path, _: Any) -> Section:
     """For what an exported agent was made, what its code needs."""
+    contract = read_contract(file.parent)
     command = contract["command"]
     thrusters = command.get("thrusters", ())
     facts = [

@@ -67,8 +67,8 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
         tables,
         [Picture.of(chart) for chart in _charts(flown, effects)],
         facts,
-        stress["failures"],
-        stress.get("notes", ()),
+        [*map(str, stress["failures"])],
+        [*map(str, stress.get("notes", ()))],
         details=[
             *_worst_table(flown),
             *([Table(("solved", "size", *names), sizes, "Every size")] if sizes else []),

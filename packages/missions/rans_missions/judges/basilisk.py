@@ -7,6 +7,7 @@ Its tank, of constant volume, loses what thrusters take, without forces of the p
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,7 +27,6 @@ from rans.extend import (
     Vec3,
     fly,
     map_leaves,
-    read_json,
 )
 from rans_missions.script import Script
 from rans_missions.slosh.liquid import Slosh
@@ -132,7 +132,7 @@ def ours(case: Case) -> np.ndarray:
 
 def rows(named: dict[str, Case] | None = None) -> Iterator[Row]:
     """A row for each case, by its name; None: all of `cases`."""
-    figures = read_json(BASILISK_STATES)
+    figures = json.loads(BASILISK_STATES.read_text("utf-8"))
     for name, case in (named or cases()).items():
         other = np.array(figures[name])
         own = ours(case)
