@@ -268,7 +268,8 @@ def trust_option(config: TrainConfig, craft: Spacecraft) -> list[str]:
     """--trust, if the files of a training name code as MODULE:NAME, which commands then run; else nothing."""
     expert = str(config.learner.get("expert", ""))
     kinds = map(effector_kind, craft.further_effectors)
-    named = (config.task, config.spacecraft, config.algorithm, expert, *kinds)
+    # Files of a run have the spacecraft itself, so that nothing loads the one that its config names.
+    named = (config.task, config.algorithm, expert, *kinds)
     return ["--trust"] if any(":" in name for name in named) else []
 
 

@@ -107,7 +107,9 @@ def write_export(
     loaded = load_policy(run)  # says what is wrong with it, if anything
     source = RunFolder(run)
     target = RunFolder(folder)
-    name = name or _agent_name(source) or folder.resolve().name
+    # An agent that was exported before, or comes with RANS, keeps its card, whose keys others read.
+    known = {} if source.metrics_file.exists() else source.card()
+    name = name or known.get("name", "") or folder.resolve().name
     name = one_line("the name of an agent", name)
     craft = source.spacecraft()
     if form == "sb3" and not is_identity(craft):
@@ -119,7 +121,14 @@ def write_export(
     config = source.config()
     card: dict[str, Any] = {}
     if episodes:
-        card = {"name": name, "task": config.task, "spacecraft": craft.name} | _card(source)
+        known = known or {"training": source.training()}
+        if known == {"training": {}}:
+            raise ConfigError(
+                f"{run} has no rows of metrics.jsonl and no card, so that a card could not say how the agent was "
+                "trained: export the run itself."
+            )
+        own = {"name": name, "task": config.task, "spacecraft": craft.name}
+        card = own | known | own
     saved = read_policy(source.agent_file)
     reduced = None if form in SAVED else FORMATS[form].reduced
     if reduced is not None:
@@ -236,30 +245,6 @@ def write_agent(
             settings,
             saved.steps,
         )
-
-
-def _agent_name(run: RunFolder) -> str:
-    """Name on the card of an agent that was exported before, or comes with RANS; "" of a training."""
-    return "" if run.metrics_file.exists() else run.card().get("name", "")
-
-
-def _card(run: RunFolder) -> dict[str, Any]:
-    """What is known of an agent: all of one that was exported before, else how it was trained.
-
-    Keys of cards are an interface: pages, registries and exports of exports read them.
-    """
-    if run.metrics_file.exists():
-        if training := run.training():
-            return {"training": training}
-        raise ConfigError(
-            f"{run.metrics_file} is empty, so that a card could not say how the agent was trained."
-        )
-    if not (card := run.card()):
-        raise ConfigError(
-            f"{run.path} has no metrics.jsonl and no card, so that a card could not say how "
-            "the agent was trained: export the run itself."
-        )
-    return {key: value for key, value in card.items() if key not in ("name", "task", "spacecraft")}
 
 
 def evaluated(

@@ -161,7 +161,7 @@ def test_what_cannot_be_exported_is_one_sentence(run, shipped, tmp_path):
         write_export(run, run)
     odd = Path(shutil.copytree(shipped, tmp_path / "odd"))
     (odd / "card.json").unlink()
-    with pytest.raises(ConfigError, match=r"has no metrics\.jsonl and no card"):
+    with pytest.raises(ConfigError, match=r"has no rows of metrics\.jsonl and no card"):
         write_export(odd, tmp_path / "again")
     assert not (tmp_path / "again").exists()
     bare = Path(shutil.copytree(run, tmp_path / "bare"))

@@ -233,7 +233,7 @@ class Dossier:
         about = _about(file)
         if about.get("is_partial"):
             return f"{file.name} is of an interrupted command"
-        recorded = _mapping(about.get("hashes"))
+        recorded = about["hashes"]
         wanted = self.hashes if source.of == "agent" else {}
         if source.of == "spacecraft":
             wanted = {"spacecraft": self.hashes["spacecraft"]}
@@ -245,7 +245,7 @@ class Dossier:
 
     def _row(self, fact: Fact, file: Path) -> Row:
         about = _about(file)
-        made = _mapping(about.get("environment"))
+        made = about["environment"]
         return Row(
             fact.part,
             fact.what,
@@ -358,15 +358,10 @@ class Dossier:
 
 
 def _about(file: Path) -> dict[str, Any]:
-    """How a file of results was made: command, environment and hashes; nothing where it does not say."""
+    """How a file of results was made: command, environment and hashes; empty where it does not say."""
     with reading(file) as content:
-        table = _mapping(content)
-        return table | _mapping(table.get("about"))
-
-
-def _mapping(value: Any) -> dict[str, Any]:
-    """A table of a file; an empty one where the file has something else."""
-    return value if isinstance(value, dict) else {}
+        about = content | content.get("about", {})
+        return about | {key: dict(about.get(key, {})) for key in ("environment", "hashes")}
 
 
 def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:

@@ -18,8 +18,7 @@ from rans.extend import ConfigError, Spacecraft, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog
 from rans_robot.interfaces import Interface, RobotName
-from rans_robot.messages import read_table
-from rans_robot.node import FLIGHT_TOPIC
+from rans_robot.node import FLIGHT_TOPIC, read_plan
 from rans_robot.validator import Validator
 
 _MOST_LISTED = 20
@@ -80,7 +79,8 @@ def read_bag(
     # Commands and readings, message by message, and why others are refused.
     for entry in _entries(source):
         if entry.topic == FLIGHT_TOPIC and robot is None:
-            ends = _ends_of_plan(source, entry, craft)
+            kind = read_plan(source, entry).robot
+            ends = Interface(kind, craft.command_count, craft.thruster_count)
             is_of_rans = True
             continue
         seen.add(entry.topic)
@@ -166,16 +166,6 @@ def _number(part: Path) -> tuple[int, str]:
     """Number of a part, as that of mybag_10.mcap, by which parts are sorted."""
     number = re.search(r"_(\d{1,9})$", part.stem)
     return (int(number[1]) if number else 0, part.name)
-
-
-def _ends_of_plan(source: Path, entry: BagMessage, craft: Spacecraft) -> Interface:
-    """Topics of the kind of robot that the plan of a bag of `rans fly` names."""
-    try:
-        plan = read_table(entry.data, "the plan")
-    except ValueError as error:
-        raise ConfigError(f"{source}, {FLIGHT_TOPIC}, is damaged: {error}.") from error
-    robot: Any = plan.get("robot", "ros")
-    return Interface(robot, craft.command_count, craft.thruster_count)
 
 
 def _reading(

@@ -149,15 +149,15 @@ def definition(kind: str) -> str:
     return str(text)
 
 
-def read_table(data: bytes, what: str) -> dict[str, Any]:
-    """JSON object in a std_msgs/msg/String; `ValueError`, which calls it ``what``, if it is none."""
+def read_table(data: bytes) -> dict[str, Any]:
+    """JSON object in a std_msgs/msg/String; `ValueError` if it is none."""
     text = unpack(TEXT, data).data
     try:
-        table = parse_json(text, what)
+        table = parse_json(text, "the message")
     except ConfigError as error:
         raise ValueError(str(error).rstrip(".")) from error
     if not isinstance(table, dict):
-        raise ValueError(f"{what} must be a JSON object, {{...}}, got {brief(table)}")
+        raise ValueError(f"the message must be a JSON object, {{...}}, got {brief(table)}")
     return table
 
 

@@ -474,11 +474,8 @@ def _warm_up(pilot: MessagePilot) -> None:
 
 def planned_task(plan: Plan) -> Task:
     """Task of a plan."""
-    settings = plan.task
-    try:
-        return structure(settings["settings"], TASKS[settings["name"]], "settings")
-    except KeyError as error:
-        raise ConfigError(f"the task of a flight has no {error}.") from error
+    kind = TASKS[str(plan.task.get("name"))]
+    return structure(plan.task.get("settings"), kind, "settings")
 
 
 @dataclass(frozen=True)
@@ -504,7 +501,9 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
         raise ConfigError(f"{bag} is no bag of rans fly: it does not begin with {FLIGHT_TOPIC}.")
-    plan = _plan_of(bag, first, folder)
+    plan = read_plan(bag, first)
+    if folder is not None:
+        plan = _of_folder(plan, bag, folder)
     if runs_code(Path(plan.folder)) and not are_files_trusted():
         raise ConfigError(
             f"{bag} is replayed by the agent.py in {brief(plan.folder)}, which is code: add --trust if the flight "
@@ -558,19 +557,17 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     return BagReplay(decisions, equal, difference, plan.folder)
 
 
-def _plan_of(bag: Path, first: BagMessage, folder: Path | None) -> Plan:
-    """Plan in the first message of a bag, with another folder of the agent if one is given.
-
-    Raises:
-        ConfigError: the message is damaged, or it names the code of a task that is not that of the folder.
-    """
+def read_plan(bag: Path, first: BagMessage) -> Plan:
+    """Plan in the first message of a bag; `ConfigError` if it is damaged."""
     try:
-        table = read_table(first.data, "the plan of its flight")
+        table = read_table(first.data)
     except ValueError as error:
-        raise ConfigError(f"{bag} is damaged: {error}.") from error
-    plan = structure(table, Plan, f"{bag}, {FLIGHT_TOPIC}")
-    if folder is None:
-        return plan
+        raise ConfigError(f"{bag}, {FLIGHT_TOPIC}, is damaged: {error}.") from error
+    return structure(table, Plan, f"{bag}, {FLIGHT_TOPIC}")
+
+
+def _of_folder(plan: Plan, bag: Path, folder: Path) -> Plan:
+    """A bag's plan with another folder of the agent; `ConfigError` if it names the code of another task."""
     # The user trusts the agent of this folder, and not what a bag calls a task.
     name = plan.task.get("name")
     is_code = isinstance(name, str) and ":" in name

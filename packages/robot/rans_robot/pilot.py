@@ -59,8 +59,6 @@ from rans_robot.messages import POSE, TEXT, text_message
 from rans_robot.validator import Validator, command, description
 from rans_robot.velocity import VelocityFilter
 
-_FOLDER_FILES = ("contract.json", "golden.json", "spacecraft.toml")
-"""Files of an exported agent beside the agent itself."""
 CRAFT_TOPIC = "rans/craft"
 """Topic on which a robot says which spacecraft it is, as JSON in a text."""
 AGENT_TOPIC = "rans/agent"
@@ -548,18 +546,17 @@ def exported_agent(folder: Path) -> Any:
     Raises:
         ConfigError: files are missing, or some pairs do not come out as they should.
     """
-    names = ("agent.py", "agent.npz", *_FOLDER_FILES) if runs_code(folder) else _FOLDER_FILES
-    missing = [name for name in names if not (folder / name).exists()]
-    if missing:
-        raise ConfigError(
-            f"{folder} has no {' and no '.join(missing)}: write it with rans export --format numpy, or onnx."
-        )
     file = inside(folder, "agent.py")
     if not runs_code(folder):
         agent: Any = _Network(folder)
         file = inside(folder, "golden.json")
         with reading(file) as pairs:
             right, count = _right_pairs(agent, pairs)
+    elif not (file.exists() and (folder / "agent.npz").exists()):
+        raise ConfigError(
+            f"{folder} has no agent.onnx, and no agent.py with agent.npz: write it with rans export --format onnx, "
+            "or numpy."
+        )
     else:
         module = code_of(file)
         with _failing(file):

@@ -155,7 +155,7 @@ def _table(data: bytes) -> dict[str, Any]:
         raise ValueError(
             f"a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read"
         )
-    return read_table(data, "the message")
+    return read_table(data)
 
 
 def _text(values: Any) -> str:

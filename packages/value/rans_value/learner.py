@@ -924,13 +924,11 @@ class Value(Algorithm):
     @classmethod
     def contestants(cls, config: TrainConfig) -> list[str]:
         """The value function at three trade-offs, of a craft that can be named: no code of a stranger's config."""
-        try:
-            craft = craft_of(config)
-        except ConfigError:
-            return []
         task = "go-to-pose-priced" if type(config.settings) in _POSES else config.task
-        name = f"value:{task}-{craft.dimension}d@{config.spacecraft}"
-        return [f"{name}#{x}" for x in ("0", "0.5", "1")]
+        with suppress(ConfigError):
+            name = f"value:{task}-{craft_of(config).dimension}d@{config.spacecraft}"
+            return [f"{name}#{x}" for x in ("0", "0.5", "1")]
+        return []
 
     @classmethod
     def started(cls, config: TrainConfig) -> TrainConfig:

@@ -187,10 +187,8 @@ def write_for_spacecraft(source: Path, run: LoadedRun, folder: Path) -> Path:
     write_json(folder / "config.json", table)
     write_text(folder / "spacecraft.toml", to_toml(craft))
     # The agent stays the same one; the other figures of the card are those of another craft.
-    card = RunFolder(source).card()
-    write_json(
-        folder / "card.json", {key: card[key] for key in ("name", "training") if key in card}
-    )
+    card = RunFolder(source).card().items()
+    write_json(folder / "card.json", {key: x for key, x in card if key in ("name", "training")})
     return folder
 
 

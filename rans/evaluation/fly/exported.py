@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +33,6 @@ class _Contract:
     spacecraft: dict[str, Any]
     readings: dict[str, Any]
     observation: tuple[dict[str, Any], ...]
-    control_period: float
-    episode_steps: int | None = None
-    """None: of an earlier export."""
 
 
 def is_exported(folder: Path) -> bool:
@@ -60,10 +57,13 @@ def read_contract(folder: Path) -> dict[str, Any]:
                 f"{file} is of format {brief(form)}, and this version of RANS reads format {FORMAT}: export the "
                 "agent again."
             )
-        names = {field.name for field in fields(_Contract)}
-        read = structure({key: table[key] for key in names & table.keys()}, _Contract, str(file))
+        keys = table.keys() & _Contract.__annotations__.keys()
+        read = structure({key: table[key] for key in keys}, _Contract, str(file))
         columns = [column["column"] for column in read.observation]
         oldest = read.readings["oldest"]
+        timing = {"control_period": table["control_period"]}
+        if "episode_steps" in table:  # which earlier exports lack
+            timing["episode_steps"] = table["episode_steps"]
     # The spacecraft is that of the file beside it.
     craft = read.spacecraft
     beside = inside(folder, "spacecraft.toml")
@@ -82,8 +82,7 @@ def read_contract(folder: Path) -> dict[str, Any]:
         )
     one_line(f"agent in {file}", read.agent)
     positive(f"readings.oldest in {file}", oldest)
-    timing = {"control_period": read.control_period, "episode_steps": read.episode_steps}
-    structure({key: x for key, x in timing.items() if x is not None}, Timing, str(file))
+    structure(timing, Timing, str(file))
     return table
 
 
@@ -96,8 +95,8 @@ def load_exported(folder: Path) -> LoadedRun:
         ConfigError: a file is missing or damaged, or the agent is of another format.
     """
     contract = read_contract(folder)
-    where = f"{folder / CONTRACT}: settings"
-    task = structure(contract["settings"], TASKS[contract["task"]], where)
+    kind = TASKS[contract["task"]]
+    task = structure(contract["settings"], kind, f"{folder / CONTRACT}: settings")
     craft = read_spacecraft(inside(folder, "spacecraft.toml"))
     timing = timing_of_file(craft, task, "spacecraft.toml", float(contract["control_period"]))
     if (steps := contract.get("episode_steps")) is not None:  # earlier exports have none

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rans import files
-from rans.errors import ConfigError, brief, meant_file, one_line, whole
+from rans.errors import ConfigError, brief, is_finite, meant_file, one_line, whole
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import TrainConfig, from_table, to_table
@@ -16,7 +15,6 @@ from rans.model.foreign import FORMATS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
 from rans.pretrained import FOR_ANY_CRAFT
-from rans.structure import structure
 
 CHECKPOINT = "checkpoint.safetensors"
 """File from which a training resumes."""
@@ -24,15 +22,6 @@ _LARGEST_CHECKPOINT = 2**33
 """Size limit, bytes: several times that of a million environments."""
 _COUNTS = "steps", "seconds", "success"
 """Keys in every row of metrics, besides those of the task."""
-
-
-@dataclass(frozen=True)
-class _Effort:
-    """What is read of a card's training."""
-
-    steps: int
-    seconds: float
-    device: str
 
 
 class RunFolder:
@@ -194,8 +183,9 @@ class RunFolder:
         with files.reading(self.card_file) as card:
             one_line(f"name in {self.card_file}", card.get("name", self.path.name))
             if (training := card["training"]) is not None:
-                effort = {key: training[key] for key in _Effort.__annotations__}
-                structure(effort, _Effort, f"{self.card_file}.training")
+                one_line(f"device in {self.card_file}", training["device"])
+                if not (is_finite(training["steps"]) and is_finite(training["seconds"])):
+                    raise ConfigError(f"{self.card_file} has no numbers of steps and seconds.")
             if "evaluation" in card:
                 whole(f"episodes in {self.card_file}", card["episodes"])
                 solved_percent(card)

@@ -145,9 +145,8 @@ def solved_share(run: Path) -> float | None:
     None: neither has been written. `ConfigError` if a file is damaged.
     """
     measured = _read(run / "evaluation.json", _measured)
-    for row in measured[0].rows if measured else ():
-        if row.name == "solved":
-            return row.value / 100.0
+    if measured and "solved" in measured[0]:
+        return measured[0]["solved"].value / 100.0
     return _read(run / "metrics.jsonl", lambda rows: float(rows[-1]["success"]))
 
 
@@ -368,7 +367,7 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
         if picture.is_file():
             pictures.append(_kept_picture(picture, caption))
     section = evaluation_section([*_find_metrics(evaluation)], pictures)
-    agreement = [*_agreement(evaluation.get("both", {}))] if isinstance(evaluation, dict) else []
+    agreement = _agreement(evaluation.get("both", {}))
     page = inside(file.parent, f"{file.stem}.html")
     link = page.name if page.is_file() else ""
     return replace(

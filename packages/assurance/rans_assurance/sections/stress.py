@@ -17,7 +17,7 @@ WORST = "Worst episodes"
 
 def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
     """Shares solved in each set of conditions, and the largest size of each disturbance that is tolerated."""
-    flown = stress["conditions"] if "conditions" in stress else stress["worlds"]  # of version 0.2.0
+    flown = stress["conditions"]
     named = {name: row["contestants"] for name, row in flown.items() if row["size"] is None}
     names = list(dict.fromkeys(who for row in flown.values() for who in row["contestants"]))
     first = next(iter(names), "")
