@@ -559,7 +559,14 @@ def reading(file: Path) -> Iterator[Any]:
     content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
     try:
         yield content
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+    except (
+        ArithmeticError,
+        AttributeError,
+        LookupError,
+        RuntimeError,  # of torch
+        TypeError,
+        ValueError,
+    ) as error:
         reason = "a value is missing, or of another kind or size than it must be"
         if isinstance(error, RansError):  # such as a name in a registry
             reason = str(error).rstrip(".")

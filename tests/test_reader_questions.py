@@ -107,7 +107,7 @@ def contract(**changed: object) -> Any:
         "settings": {},
         "control_period": 0.2,
         "readings": {"oldest": 0.02},
-        "observation": [{}],
+        "observation": [{"column": 0}],
         "spacecraft": {"file": "spacecraft.toml", "sha256": hashed},
     }
 
@@ -237,7 +237,7 @@ ANSWERS: Answers = {
     },
     "read_contract": {
         "units": "each key has its unit, and none is written in the file",
-        "frames": Answer(contract(task=3), "task must be a name"),
+        "frames": Answer(contract(task=3), "task must be a text"),
         "times": Answer(contract(control_period=0.0), "control_period"),
         "order": "columns are named, and the agent reads them in their order",
         "dropped": "a contract is for people and machines; what flights need is read",

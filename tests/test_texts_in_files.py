@@ -17,12 +17,14 @@ import pytest
 import rans
 from rans import RansError
 from rans.cli import main
+from rans.deploy.export import write_export
 from rans.episode import Setup
 from rans.evaluation.fly.tuned import Tuned
 from rans.fast.learn.config import to_table
 from rans.files import write_json
 from rans.structure import read_toml
 from tests.support import plugins
+from tests.support.damage import edited, toml
 from tests.support.training import CONFIG
 from tests.support.written_files import TUNED, contents
 
@@ -31,34 +33,10 @@ plugins.register()
 EVIL = "evil:E"
 MODULE = 'from pathlib import Path\nPath("ran").write_text("")\nclass E:\n    pass\n'
 
-Changed = Iterator[tuple[str, Any]]
 
-
-def texts(value: Any, path: str = "") -> Changed:
+def texts(value: Any) -> Iterator[tuple[str, Any]]:
     """Yield every copy of a nested value with one text, or one value that may be a text, replaced."""
-    if isinstance(value, str) or value is None:
-        yield path, EVIL
-    elif isinstance(value, dict):
-        for key, inner in value.items():
-            for where, changed in texts(inner, f"{path}.{key}"):
-                yield where, value | {key: changed}
-    elif isinstance(value, list):
-        for at, inner in enumerate(value[:3]):
-            for where, changed in texts(inner, f"{path}[{at}]"):
-                yield where, [*value[:at], changed, *value[at + 1 :]]
-
-
-def toml(table: dict[str, Any]) -> str:
-    """A table as TOML; inner tables are inline, and TOML writes texts and numbers as JSON does."""
-
-    def inline(value: Any) -> str:
-        if isinstance(value, dict):
-            return "{" + ", ".join(f"{key} = {inline(x)}" for key, x in value.items()) + "}"
-        if isinstance(value, list):
-            return "[" + ", ".join(map(inline, value)) + "]"
-        return json.dumps(value)
-
-    return "".join(f"{key} = {inline(value)}\n" for key, value in table.items())
+    return edited(value, lambda one: [EVIL] if isinstance(one, str | None) else [])
 
 
 @pytest.fixture
@@ -112,6 +90,7 @@ MORE = [
     command("stress run --only latency --episodes 2"),
     command("assure run --episodes 2"),
     command("follow run"),
+    command("evaluate value:go-to-pose-2d#0.5 --episodes 2"),
     command("export run --output shipped --force"),
     command("fly run --bus udp --seconds 0.1"),
     command("report run"),
@@ -131,6 +110,7 @@ def ask_of_run(trained: Path, changed: Any, asks: list[Callable[[], object]]) ->
             shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(trained, "run")
         write_json(Path("run/config.json"), changed)
+        shutil.copytree("run", "runs/run", dirs_exist_ok=True)
         call(ask)
 
 
@@ -189,22 +169,13 @@ def test_spacecraft_and_conditions(here):
         call(lambda: rans.load_conditions("world.toml"))
 
 
-CONTRACT = {
-    "format": 2,
-    "agent": "mine",
-    "task": "go-to-pose",
-    "settings": json.loads(json.dumps(to_table(CONFIG)))["settings"],
-    "spacecraft": {"name": "floating-platform", "file": "spacecraft.toml", "sha256": "0"},
-    "control_period": 0.2,
-}
-
-
+@pytest.mark.slow
 def test_contract_of_an_export(here, trained):
-    for _, changed in texts(CONTRACT):
+    write_export(trained, Path("shipped"), "onnx", episodes=0)
+    Path("shipped/agent.py").write_text("import evil\n")
+    contract = json.loads(Path("shipped/contract.json").read_text())
+    for _, changed in texts(contract):
         write_json(Path("shipped/contract.json"), changed)
-        Path("shipped/agent.onnx").write_text("")
-        Path("shipped/agent.py").write_text("import evil\n")
-        shutil.copy(trained / "spacecraft.toml", "shipped/spacecraft.toml")
         call(command("evaluate shipped --episodes 2"))
         call(lambda: rans.load_agent("shipped"))
         call(command("fly shipped --bus udp --seconds 0.1"))
@@ -232,7 +203,7 @@ def test_plan_of_a_bag(here, trained):
     bags = pytest.importorskip("rans_robot.bag")
     messages = pytest.importorskip("rans_robot.messages")
     replay_bag = pytest.importorskip("rans_robot.node").replay_bag
-    settings = CONTRACT["settings"]
+    settings = json.loads(json.dumps(to_table(CONFIG)))["settings"]
     plan = {
         "folder": "shipped",
         "task": {"name": "go-to-pose", "settings": settings},

@@ -399,10 +399,10 @@ def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
     rows = []
     for row in _Written.read(written).rows:
-        texts = {key: x for key, x in asdict(row).items() if isinstance(x, str)}
-        rows.append(
-            replace(row, **{key: x.replace(str(place), "") for key, x in texts.items()})  # pyrefly: ignore[bad-argument-type]
-        )
+        texts = {
+            key: x.replace(str(place), "") for key, x in asdict(row).items() if isinstance(x, str)
+        }
+        rows.append(replace(row, **texts))  # pyrefly: ignore[bad-argument-type]
     return rows
 
 

@@ -16,6 +16,7 @@ from rans_assurance.dossier import SOURCES, UNPROVED, Dossier
 from rans.cli import _parse, main
 from rans.pretrained import pretrained_folder
 from rans.show.pages.page import Part
+from tests.support.damage import check
 
 AGENT = "mine"
 ASSURE = f"assure {AGENT} --episodes 200"
@@ -111,6 +112,12 @@ def test_what_is_false_is_found_in_the_files(planted, folder, capsys):
     capsys.readouterr()
     assert main(["dossier", AGENT, "--check"]) == 1
     assert "FALSE: " in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_a_damaged_dossier_is_a_sentence(folder):
+    assert main(["dossier", AGENT]) == 0
+    check([folder / "dossier.json"], lambda: [*Dossier(AGENT).falsehoods()], 0.5)
 
 
 @pytest.mark.slow

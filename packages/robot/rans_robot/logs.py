@@ -18,7 +18,7 @@ from rans.extend import ConfigError, Spacecraft, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog
 from rans_robot.interfaces import Interface, RobotName
-from rans_robot.node import FLIGHT_TOPIC, read_plan
+from rans_robot.node import FLIGHT_TOPIC, plan_in
 from rans_robot.validator import Validator
 
 _MOST_LISTED = 20
@@ -79,8 +79,8 @@ def read_bag(
     # Commands and readings, message by message, and why others are refused.
     for entry in _entries(source):
         if entry.topic == FLIGHT_TOPIC and robot is None:
-            kind = read_plan(source, entry).robot
-            ends = Interface(kind, craft.command_count, craft.thruster_count)
+            plan = plan_in(source, entry)
+            ends = Interface(plan.robot, craft.command_count, craft.thruster_count)
             is_of_rans = True
             continue
         seen.add(entry.topic)

@@ -501,7 +501,7 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     first = next(stream, None)
     if first is None or first.topic != FLIGHT_TOPIC:
         raise ConfigError(f"{bag} is no bag of rans fly: it does not begin with {FLIGHT_TOPIC}.")
-    plan = read_plan(bag, first)
+    plan = plan_in(bag, first)
     if folder is not None:
         plan = _of_folder(plan, bag, folder)
     if runs_code(Path(plan.folder)) and not are_files_trusted():
@@ -557,7 +557,7 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     return BagReplay(decisions, equal, difference, plan.folder)
 
 
-def read_plan(bag: Path, first: BagMessage) -> Plan:
+def plan_in(bag: Path, first: BagMessage) -> Plan:
     """Plan in the first message of a bag; `ConfigError` if it is damaged."""
     try:
         table = read_table(first.data)

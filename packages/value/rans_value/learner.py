@@ -756,7 +756,8 @@ class GreedyController:
         kind = PoseProblem if config.conditions.or_none is None else VariedProblem
         problem = kind(*self._setup, position_tolerance)
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
-        value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
+        with reading(run.config_file):  # which the checkpoint may not fit
+            value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
         self.name = f"{'installed ' * (run.path.parent == SHIPPED)}value of {run.path.name}"
         self.greedy = self._designed = Greedy(problem, value)
         # In space some spins that arrive would not come to rest, and an end by success is an arrival anyway.
@@ -839,10 +840,9 @@ class Newest(GreedyController):
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
-            is_value = False
             with suppress(ConfigError), reading(file) as table:
-                is_value = table.get("algorithm") == "value"
-            if is_value and run.has_checkpoint:
+                if table["algorithm"] != "value" or not run.has_checkpoint:
+                    continue
                 config = run.config()
                 if (
                     run.spacecraft() == craft

@@ -39,6 +39,7 @@ from rans.model.fields import wrap
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.scenario import scenarios
+from tests.support.damage import check
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore
 
@@ -380,6 +381,8 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     contest = contest_of("lqr:go-to-pose-2d", episodes=4)
     rivals: list[Any] = [enlist(name, contest) for name in Value.contestants(plain)]
     assert [rival.controller._trade_off for rival in rivals] == [0.0, 0.5, 1.0]
+    assert Value.contestants(replace(plain, spacecraft="evil:E")) == []  # as a file may name it
+    check([run.config_file, run.checkpoint_file], lambda: GreedyController(run.path), 0.5)
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
         GreedyController(run.path)

@@ -95,7 +95,8 @@ def load_exported(folder: Path) -> LoadedRun:
         ConfigError: a file is missing or damaged, or the agent is of another format.
     """
     contract = read_contract(folder)
-    kind = TASKS[contract["task"]]
+    with reading(folder / CONTRACT):  # such as a task that is not installed
+        kind = TASKS[contract["task"]]
     task = structure(contract["settings"], kind, f"{folder / CONTRACT}: settings")
     craft = read_spacecraft(inside(folder, "spacecraft.toml"))
     timing = timing_of_file(craft, task, "spacecraft.toml", float(contract["control_period"]))

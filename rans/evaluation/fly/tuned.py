@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from rans.episode import Setup
 from rans.errors import ConfigError, is_finite
@@ -22,6 +22,13 @@ SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
 """Folder of the tuned settings in the package, one JSON file each."""
 OWN = Path("runs") / "controllers"
 """Folder into which `rans tune` writes; its files take precedence."""
+
+
+class Costs(TypedDict):
+    """Costs of settings, s; see `rans.evaluation.compare.tuning.cost`."""
+
+    default: float
+    tuned: float
 
 
 @dataclass(frozen=True)
@@ -47,8 +54,7 @@ class Tuned:
     """Seed of the starts."""
     price: float
     """Price of thrust, s per N s."""
-    costs: dict[str, float]
-    """Costs of the "default" and the "tuned" settings, s; see `rans.evaluation.compare.tuning.cost`."""
+    costs: Costs
     command: str
     """Command of the search."""
     conditions: str = ""

@@ -31,6 +31,7 @@ from rans.show.pages.report import evaluation_page, report_from_run
 from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, HOSTILE_NAME, live, ran
+from tests.support.damage import edited
 from tests.support.evaluation_flights import two_episodes
 from tests.support.training_rows import ROWS
 from tests.support.written_files import contents
@@ -63,16 +64,15 @@ UNSEEN = {"assurance-lab.json"}
 
 
 def planted(value: Any) -> Iterator[Any]:
-    """The value with one text, of a value or a key, made hostile; of every text in turn."""
-    if isinstance(value, str):
-        yield HOSTILE
-    elif isinstance(value, list):
-        for k, inner in enumerate(value):
-            yield from ([*value[:k], other, *value[k + 1 :]] for other in planted(inner))
-    elif isinstance(value, dict):
-        for key, inner in value.items():
-            yield {HOSTILE if name == key else name: x for name, x in value.items()}
-            yield from (value | {key: other} for other in planted(inner))
+    """Copies of the value with one text, of a value or a key, made hostile; of every text in turn."""
+
+    def hostile(one: Any) -> Iterator[Any]:
+        if isinstance(one, str):
+            yield HOSTILE
+        for key in one if isinstance(one, dict) else ():
+            yield {HOSTILE if name == key else name: x for name, x in one.items()}
+
+    return (other for _, other in edited(value, hostile))
 
 
 def written(folder: Path, files: dict[str, Any]) -> None:

@@ -98,16 +98,15 @@ def counts(result: Mapping[str, Any]) -> Table:
 
 
 def asked(result: Mapping[str, Any]) -> Iterator[Table]:
-    """Requirement, length, starts and conditions; none in files of version 0.2.0."""
-    if "scope" in result:
-        rows = [(str(what), str(text)) for what, text in result["scope"]["rows"]]
-        yield Table(("what was asked", "it is"), rows, "What was asked")
+    """Requirement, length, starts and conditions."""
+    rows = [(str(what), str(text)) for what, text in result["scope"]["rows"]]
+    yield Table(("what was asked", "it is"), rows, "What was asked")
 
 
 def _asked_facts(result: Mapping[str, Any]) -> Iterator[Fact]:
     """Rows of the scope but conditions, which are as many as a mixture has; those of a name are one."""
     texts: dict[str, list[str]] = {}
-    for what, text in result.get("scope", {}).get("rows", ()):
+    for what, text in result["scope"]["rows"]:
         texts.setdefault(what, []).append(str(text))
     texts.pop("conditions", None)
     for what, some in texts.items():
