@@ -92,11 +92,11 @@ class Avoid(GoToPose):
     timing: ClassVar[Timing] = Timing(checks=4)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if type(self.zones) is not int or not 1 <= self.zones <= _MOST_ZONES:
             raise ConfigError(
                 f"zones must be a whole number from 1 to {_MOST_ZONES}, got {self.zones!r}."
             )
+        super().__post_init__()
         nearest = min(self.spawn_distance[0], self.evaluation_distance[0])
         room = 2.0 * (self.zone_radius[1] + self.clearance)
         if isinstance(room, float) and isinstance(nearest, float) and nearest < room:

@@ -140,9 +140,9 @@ class Inspect(SingleTask):
     timing: ClassVar[Timing] = Timing(control_period=20.0, episode_steps=612, checks=2)
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if type(self.points) is not int or not 1 <= self.points <= 200:
             raise ConfigError(f"points must be a whole number from 1 to 200, got {self.points!r}.")
+        super().__post_init__()
         for name in ("view_degrees", "light_degrees"):
             angle = getattr(self, name)
             if isinstance(angle, int | float) and angle > 90.0:

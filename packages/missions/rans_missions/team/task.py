@@ -50,11 +50,11 @@ class InspectTeam(Inspect):
     optimal_problem = "inspection by a team"
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if type(self.deputies) is not int or not 1 <= self.deputies <= 3:
             raise ConfigError(
                 f"deputies must be a whole number from 1 to 3, got {self.deputies!r}."
             )
+        super().__post_init__()
         low, high = self.spawn_distance
         if self._part <= 0.0:
             raise ConfigError(
