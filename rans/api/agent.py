@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from rans.evaluation.measure.aggregate import Metrics
     from rans.flight import Flight
     from rans.model.dynamics import State
+
+_COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
+"""Files of a run that `Agent.save` copies beside the policy."""
 
 
 class Agent(AgentData):
@@ -224,6 +228,31 @@ class Agent(AgentData):
         from rans.api.pages import report
 
         return report(self)
+
+    def save(self, folder: str | Path) -> Path:
+        """Copy the agent into a new folder, for `rans.load_agent` and every command, and return the folder.
+
+        Raises:
+            ConfigError: it has no run folder, as a controller, or the new one is not empty.
+        """
+        from rans.fast.learn.run_folder import RunFolder
+        from rans.files import inside, ready_folder
+
+        if self.folder is None:
+            raise ConfigError(
+                f"{self.name} cannot be saved: only trained agents have files of their own."
+            )
+        target = Path(folder)
+        if target.exists() and any(target.iterdir()):
+            raise ConfigError(f"{target} is not empty: choose a new folder.")
+        policy = RunFolder(self.folder).agent_file
+        ready_folder(target)
+        target.mkdir(parents=True, exist_ok=True)
+        for name in (policy.name, *_COPIED):
+            source = inside(self.folder, name)
+            if source.is_file():
+                shutil.copyfile(source, target / name)
+        return target
 
 
 @settled_alone

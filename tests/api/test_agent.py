@@ -62,6 +62,14 @@ def test_sampled_actions_differ_from_deterministic_ones():
     assert 0 < (sure != drawn).sum() < sure.size / 2
 
 
+def test_a_saved_agent_flies_as_before(tmp_path):
+    agent = rans.load_agent("go-to-pose-2d")
+    copy = rans.load_agent(agent.save(tmp_path / "copy"))
+    np.testing.assert_array_equal(copy.fly(3).commands, agent.fly(3).commands)
+    with pytest.raises(ConfigError, match="is not empty: choose a new folder"):
+        agent.save(tmp_path / "copy")
+
+
 @pytest.mark.slow
 def test_conditions_of_an_agent_are_those_it_is_compared_under():
     robust = rans.load_agent("go-to-pose-2d").under("lab")
