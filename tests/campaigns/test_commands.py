@@ -38,8 +38,9 @@ def commands(text: str) -> set[str]:
 
 def is_there(name: str) -> bool:
     """Whether this is a campaign, a file, a module, or a package that runs."""
+    module = f"campaigns/{name.replace('-', '_')}.py"
     return name in CAMPAIGNS_BY_COMMAND or any(
-        (ROOT / one).is_file() for one in (name, f"{name}.py", f"{name}/__main__.py")
+        (ROOT / one).is_file() for one in (name, f"{name}.py", f"{name}/__main__.py", module)
     )
 
 
