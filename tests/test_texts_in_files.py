@@ -90,7 +90,6 @@ MORE = [
     command("stress run --only latency --episodes 2"),
     command("assure run --episodes 2"),
     command("follow run"),
-    command("evaluate value:go-to-pose-2d#0.5 --episodes 2"),
     command("export run --output shipped --force"),
     command("fly run --bus udp --seconds 0.1"),
     command("report run"),
@@ -106,11 +105,11 @@ NAMING = (*EVERYWHERE, ".spacecraft", ".begin_from")
 def ask_of_run(trained: Path, changed: Any, asks: list[Callable[[], object]]) -> None:
     """Ask with a run folder of the changed config."""
     for ask in asks:
-        for folder in ("run", "out", "shipped"):
+        for folder in ("run", "runs", "out", "shipped"):
             shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(trained, "run")
         write_json(Path("run/config.json"), changed)
-        shutil.copytree("run", "runs/run", dirs_exist_ok=True)
+        shutil.copytree("run", "runs/run")
         call(ask)
 
 
@@ -123,7 +122,7 @@ def test_names_in_the_config_of_a_run(here, trained):
 
 @pytest.mark.slow
 def test_every_text_in_the_config_of_a_run(here, trained):
-    others = [*RUN[2:], *MORE]
+    others = [*RUN[2:], *MORE, command("evaluate value:go-to-pose-2d#0.5 --episodes 2")]
     for number, (_, changed) in enumerate(texts(BASE)):
         ask_of_run(trained, changed, [*RUN[:2], others[number % len(others)]])
 
@@ -173,12 +172,12 @@ def test_spacecraft_and_conditions(here):
 def test_contract_of_an_export(here, trained):
     write_export(trained, Path("shipped"), "onnx", episodes=0)
     Path("shipped/agent.py").write_text("import evil\n")
-    contract = json.loads(Path("shipped/contract.json").read_text())
-    for _, changed in texts(contract):
+    for where, changed in texts(json.loads(Path("shipped/contract.json").read_text())):
         write_json(Path("shipped/contract.json"), changed)
-        call(command("evaluate shipped --episodes 2"))
         call(lambda: rans.load_agent("shipped"))
-        call(command("fly shipped --bus udp --seconds 0.1"))
+        if where == ".task":  # no other text of a contract is a name
+            call(command("evaluate shipped --episodes 2"))
+            call(command("fly shipped --bus udp --seconds 0.1"))
 
 
 def test_results(here):
