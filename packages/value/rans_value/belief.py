@@ -19,6 +19,10 @@ _FLOOR = 3e-4
 """Standard deviation of readings and of a period's motion beside the conditions', m, rad, m/s and rad/s."""
 _ANYWHERE = 1e3
 """Variance of a state before its first reading, SI."""
+_OFTEN = 3
+"""How often each craft is drawn where there are no others, of 2,048: half before anything fails."""
+_EXACT = 1e-6
+"""Variance at which a parameter is that of a craft, SI."""
 _STEP = 1e-6
 """Difference of estimates for slopes, SI."""
 
@@ -45,6 +49,8 @@ class Belief:
         # Thrusters may fail in any period.
         failing = jump @ jump.T / (jump.shape[1] * timing.episode_steps)
         self._drift = torch.block_diag(_FLOOR**2 * torch.eye(6).double(), failing)
+        craft, number = torch.cat((begun, ended), dim=1).unique(dim=1, return_counts=True)
+        self._few = craft if number.min() >= _OFTEN else None
         noise = None if drawn.sensors is None else drawn.sensors.noise
         sigmas = [_FLOOR**2 + float(np.mean(np.square(x))) for x in noise or [0.0] * 4]
         self._noise = torch.tensor(sigmas).double()[[0, 0, 1, 2, 2, 3]].diag()
@@ -66,7 +72,14 @@ class Belief:
         gain = torch.linalg.solve(prior[:, :, :6] + self._noise, prior).mT
         self._estimate = self._estimate + (gain @ gap.T[:, :, None])[:, :, 0].T
         self._covariance = self._covariance - gain @ prior
-        return torch.cat((self._acting(self._estimate, self._thrust), trade_off))
+        found = self._estimate
+        if self._few is not None:
+            # Thrusters that fail wholly leave few craft, and a mean of those is none.
+            off = (self._few[:, None] - found[6:, :, None]).transpose(0, 1)
+            spread = self._covariance[:, 6:, 6:] + _EXACT * torch.eye(len(self._few))
+            nearest = (off * torch.linalg.solve(spread, off)).sum(dim=1).argmin(dim=1)
+            found = torch.cat((found[:6], self._few[:, nearest]))
+        return torch.cat((self._acting(found, self._thrust), trade_off))
 
     def sent(self, command: Tensor) -> None:
         """Expect what commands (N, n) do until the next reading."""

@@ -261,10 +261,10 @@ def test_flights_as_designed_are_a_case_of_those_under_conditions():
         assert not torch.equal(problem.features(off), problem.features(state))
 
 
-@pytest.mark.parametrize("conditions", [LAB, FAILING], ids=["lab", "failing"])
-def test_flights_tell_what_conditions_drew(conditions, monkeypatch):
-    """Motion by the engine, and what an episode drew: the estimates come near to both."""
-    estimates: list[Tensor] = []
+@pytest.mark.parametrize(("conditions", "part"), [(LAB, 0.6), (FAILING, 0.01)])
+def test_flights_tell_what_conditions_drew(conditions, part, monkeypatch):
+    """Motion by the engine, and what an episode drew: estimates come near to both, to whole failures exactly."""
+    estimates: Any = []
     timing = Timing(episode_steps=50)
     slows = -torch.tensor(PLATFORM.wrench_map)[:, 2].sign()
 
@@ -272,19 +272,20 @@ def test_flights_tell_what_conditions_drew(conditions, monkeypatch):
         """Random commands that do not let it spin."""
         return [(torch.rand(64, 8) < 0.25 + 0.15 * seen[5, :, None] * slows).float()]
 
-    sent = Belief.sent
+    read = Belief.read
 
-    def noted(belief, command):
-        estimates.append(belief._estimate)
-        sent(belief, command)
+    def noted(belief, reading):
+        seen = read(belief, reading)
+        estimates.append(torch.cat((belief._estimate[:6], seen[6:-1])))
+        return seen
 
-    monkeypatch.setattr(Belief, "sent", noted)
+    monkeypatch.setattr(Belief, "read", noted)
     monkeypatch.setattr(Greedy, "best", guess)
     controller = GreedyController(SHIPPED / "floating-platform-conditions").expecting(conditions)
     torch.manual_seed(0)
     controller.slow = False  # all in this process
     flight = fly_episodes(controller, Setup(PLATFORM, TASK, timing, conditions), 0, 64)
-    like = torch.zeros((), dtype=torch.float64)
+    like = torch.zeros(()).double()
     true = controller.greedy.problem.frame.relative(flight.states, flight.goals, like)
     found = torch.stack(estimates, dim=1)
     error = found[:6, 30:] - true[:6, 30:-1]
@@ -296,7 +297,7 @@ def test_flights_tell_what_conditions_drew(conditions, monkeypatch):
     rows = [*range(24 + 2), -1]  # disturbances along x and y are in the frame of the goal
     spread = ended[rows].std(dim=1)
     off = (found[6:, -1] - ended[:, :64])[rows].square().mean(dim=1).sqrt()
-    assert (off <= 0.6 * spread)[spread > 1e-6].all()
+    assert (off <= part * spread)[spread > 1e-6].all()
 
 
 def test_the_weights_that_ship_hold_the_pose_under_conditions():
