@@ -78,7 +78,7 @@ def test_no_value_has_a_name_of_several_lines(name, tmp_path):
         shutil.copytree(pretrained_folder("go-to-pose-2d"), agent)
         card = json.loads((agent / "card.json").read_text("utf-8"))
         write_json(agent / "card.json", card | {"name": name})
-        with pytest.raises(ConfigError, match="the name of an agent must be one line"):
+        with pytest.raises(ConfigError, match=r"name in .*card\.json must be one line"):
             write_export(agent, tmp_path / "out", "rans", episodes=1)
 
 

@@ -7,7 +7,6 @@ Its tank, of constant volume, loses what thrusters take, without forces of the p
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -27,6 +26,7 @@ from rans.extend import (
     Vec3,
     fly,
     map_leaves,
+    reading,
 )
 from rans_missions.script import Script
 from rans_missions.slosh.liquid import Slosh
@@ -132,9 +132,10 @@ def ours(case: Case) -> np.ndarray:
 
 def rows(named: dict[str, Case] | None = None) -> Iterator[Row]:
     """A row for each case, by its name; None: all of `cases`."""
-    figures = json.loads(BASILISK_STATES.read_text("utf-8"))
+    with reading(BASILISK_STATES) as table:
+        figures = {name: np.array(states) for name, states in table.items()}
     for name, case in (named or cases()).items():
-        other = np.array(figures[name])
+        other = figures[name]
         own = ours(case)
         every = len(own) // len(other)  # figures are of some periods
         own = own[every - 1 :: every]
