@@ -19,8 +19,8 @@ import numpy as np
 from rans_bounds.problem import SearchEffort
 from rans_bounds.starts import bound, question
 
-import rans
 from campaigns.command import ended
+from rans.api.agent import load_agent
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.measure.metrics import arrival_times
 from rans.flight import Flight
@@ -52,7 +52,7 @@ def factor(time: float, impulse: float, period: float, least: Callable[[int], fl
 
 def factors(start: int, flights: list[tuple[float, float]]) -> list[float]:
     """Factors of flights, (s, N s), from a start."""
-    agent = rans.load_agent(f"{_NAME}0")
+    agent = load_agent(f"{_NAME}0")
     task = agent.task.for_evaluation()
     begun = scenario(task, agent.craft.dimension, EVALUATION_SEED, start)
     period = agent.timing.control_period
@@ -81,7 +81,7 @@ def main(arguments: list[str]) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--starts", type=int, default=9)
     count = parser.parse_args(arguments).starts
-    flown = [_until_arrival(rans.load_agent(f"{_NAME}{x:.4f}").fly(count)) for x in _TRADE_OFFS]
+    flown = [_until_arrival(load_agent(f"{_NAME}{x:.4f}").fly(count)) for x in _TRADE_OFFS]
     with ProcessPoolExecutor() as pool:
         found = np.array([*pool.map(factors, range(count), zip(*flown, strict=True))])
     for trade_off, flights, column in zip(_TRADE_OFFS, flown, found.T, strict=True):
