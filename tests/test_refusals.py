@@ -55,7 +55,7 @@ def test_a_command_is_refused_in_a_sentence_and_writes_nothing(line, words, refu
 @pytest.mark.parametrize("file", sorted(FILES), ids=lambda file: str(file.parent.relative_to(ROOT)))
 @pytest.mark.usefixtures("here")
 def test_a_sentence_names_what_is_wrong(file):
-    """Of every row; a note names the one that fails."""
+    """Every row of a file of refusals raises the sentence that it states; a note names the row that fails."""
     names = prepared(file)
     for row in examples(file):
         if row.want:
