@@ -13,10 +13,9 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from copy import copy, deepcopy
+from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -25,32 +24,27 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from rans.extend import (
-    TASKS,
     Acted,
     Adam,
     Algorithm,
-    Conditions,
     ConfigError,
     Engine,
     Network,
     PPOSettings,
     Rollout,
-    RunFolder,
     Spacecraft,
-    State,
-    Timing,
     TrainConfig,
     craft_of,
     fused,
-    reading,
     remember,
     whole,
 )
 from rans.fast.learn.graph import graphed
-from rans_value.belief import Belief
-from rans_value.goal_frame import GoalFrame, equivalent
+from rans_value.controller import POSES, SHIPPED, GreedyController, check_craft, suits
+from rans_value.goal_frame import equivalent
+from rans_value.greedy import Greedy
+from rans_value.network import ValueNetwork
 from rans_value.problem import TRADE_OFF, PoseProblem
-from rans_value.varied import VariedProblem
 
 _PERIODS = 10
 """Control periods that are flown to a target."""
@@ -73,16 +67,6 @@ _BY_POLICY = 0.8
 """Part of the flights to be imitated that the policy flies, so that it learns from what it reaches."""
 _LABELLED = 8
 """Iterations whose labels are imitated together."""
-_TRIED = 16
-"""Patterns of open valves that are tried, of those whose valves alone promise the least cost. Of more than eight
-thrusters as many as a quarter of their square: valves that are good only together promise little alone."""
-_CHUNK = 65536
-"""States and commands whose outcomes are computed at once on a GPU, by one recorded function of one size."""
-_AHEAD = 4
-"""Patterns after which a further period is searched."""
-_LEVELS = (0.5, 0.25, 0.1)
-"""Parts of the first `_AHEAD` patterns that are tried too where thrusters are throttled or pulsed. Commands of
-least time or impulse open them wholly; holding a pose, or a spin between two pulses, takes less."""
 _DECIDED = 0.02
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
@@ -121,171 +105,6 @@ class ValueSettings:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             whole(name, value)
-
-
-class ValueNetwork(nn.Module):
-    """Value of states (rows, ...): four layers with skips, and at least the cost of a period outside."""
-
-    def __init__(self, problem: PoseProblem, example: Tensor, units: int) -> None:
-        super().__init__()
-        self.problem = problem
-        inputs = problem.features(example).flatten(0, -2)
-        self.register_buffer("mean", inputs.mean(dim=0))
-        self.register_buffer("spread", inputs.std(dim=0).clamp(min=0.05))
-        self.first = nn.Linear(inputs.shape[1], units)
-        self.hidden = nn.ModuleList(nn.Linear(units, units) for _ in range(3))
-        self.last = nn.Linear(units, 1)
-        self.to(example.device)
-
-    def forward(self, state: Tensor) -> Tensor:
-        """Values, s."""
-        problem = self.problem
-        # Eight bits would round the inputs to centimetres, and values of seconds to hundredths; eleven are enough
-        # for values, but not for the range of gradients.
-        x = functional.silu(self.first((problem.features(state) - self.mean) / self.spread))
-        half = torch.bfloat16
-        if x.is_cuda and not torch.is_grad_enabled():
-            # To move sums between layers takes longer than to compute them.
-            half = torch.float16
-            x = x.half()
-        with torch.autocast("cuda", half, enabled=x.is_cuda):
-            for layer in self.hidden:
-                x = x + functional.silu(layer(x))
-        raw = self.last(x.float())[..., 0]
-        scale = problem.scale * (1.0 + problem.price(state))
-        return problem.terms(state)[0] + scale * functional.softplus(raw)
-
-    def resembles(self, other: ValueNetwork) -> bool:
-        """Whether it has the layers of another value function, and its inputs but for phases and limits.
-
-        The other has the same inputs of limits and turning goals, or none.
-        """
-
-        def sizes(network: ValueNetwork) -> tuple[int, int]:
-            units, inputs = network.first.weight.shape
-            return units, inputs - network.problem.phases - network.problem.limits
-
-        return sizes(self) == sizes(other) and other.problem.limits in (0, self.problem.limits)
-
-    @torch.no_grad()
-    def begin_as(self, other: ValueNetwork) -> None:
-        """Take the weights of a value function that it `resembles`, of another craft or of flights without limits.
-
-        Inputs are in units of a craft's authority, but phases are of its pulses: values are taken at spins and
-        headings that these can reach. Phases, and limits that the other has not, have no weight.
-        """
-        weights = dict(other.state_dict())
-        count = other.problem.phases
-        reached = torch.tensor([0.0, 1.0]).repeat(count // 2)
-        parts = {}
-        for name, filling in (("first.weight", 0.0), ("mean", 0.0), ("spread", 1.0)):
-            before, parts[name], after = weights[name].tensor_split((-3 - count, -3), dim=-1)
-            new = len(self.mean) - before.shape[-1] - 3
-            own = before.new_full((*before.shape[:-1], new), filling)
-            weights[name] = torch.cat((before, own, after), dim=-1)
-        inputs = (reached - parts["mean"]) / parts["spread"]
-        weights["first.bias"] = weights["first.bias"] + parts["first.weight"] @ inputs
-        self.load_state_dict(weights)
-
-
-class Greedy:
-    """Commands by a value function: the pattern of open valves with the least cost of a period and the value after.
-
-    Costs of opening each thruster alone order the patterns, of which the first are tried.
-
-    Args:
-        problem: the flights.
-        value: their value function.
-        arriving: for flights that are not in the goal set yet. Holding it counts as much as their trade-off says:
-            fast ones are there as soon as can be, thrifty ones do not come in faster than is cheap to hold.
-    """
-
-    def __init__(self, problem: PoseProblem, value: Any, arriving: bool = False) -> None:
-        self.problem = problem
-        self.value = value
-        self._arriving = arriving
-        device = value.mean.device
-        count = problem.craft.thruster_count
-        self._single = torch.eye(count + 1)[:, 1:].to(device)
-        self._patterns = problem.patterns.to(device)
-        self._count = min(max(_TRIED, count**2 // 4), len(self._patterns))
-        # On a GPU inputs are at addresses that stay, as launches would take longer than the computation.
-        self._inputs: tuple[Tensor, ...] = ()
-        if device.type == "cuda":
-            shapes = ((problem.rows, _CHUNK), (_CHUNK, count))
-            self._inputs = tuple(torch.zeros(shape, device=device) for shape in shapes)
-        compiled = fused(self._outcome, device)
-        self._recorded = graphed(lambda: compiled(*self._inputs), device)
-
-    def _outcome(self, state: Tensor, command: Tensor) -> Tensor:
-        after, cost, discount = self.problem.step(state, command)
-        value = self.value(after)
-        if self._arriving:
-            value = value * torch.where(self.problem.inside(after)[1], state[-1], 1.0)
-        return torch.cat((torch.stack((cost + discount * value, cost, discount)), after))
-
-    def outcomes(self, state: Tensor, patterns: Tensor) -> Tensor:
-        """What patterns (C, N, n) or (C, 1, n) do in a period from states (rows, N), (3 + rows, C, N).
-
-        Rows are the cost with the value after the period, s, the cost of the period, s, its discount, and the
-        states after it.
-        """
-        count = state.shape[1]
-        each = state[:, None].expand(-1, len(patterns), -1).flatten(1)
-        command = patterns.expand(-1, count, -1).flatten(0, 1)
-        if not self._inputs:
-            return self._outcome(each, command).unflatten(1, (len(patterns), count))
-        parts = []
-        for states, commands in zip(each.split(_CHUNK, dim=1), command.split(_CHUNK), strict=True):
-            self._inputs[0][:, : len(commands)] = states
-            self._inputs[1][: len(commands)] = commands
-            parts.append(self._recorded()[:, : len(commands)].clone())
-        return torch.cat(parts, dim=1).unflatten(1, (len(patterns), count))
-
-    def tried(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
-        """Patterns (C, N, n) from states (rows, N), and their `outcomes`, the costs over some periods.
-
-        The best are searched further than a period. All others are moved by the mean of what that changes, and are
-        no better than these.
-        """
-        costs = self.outcomes(state, self._single[:, None])[0]
-        # A row of memory for each state, as thousands of patterns are compared.
-        order = (costs[1:] - costs[:1]).T @ self._patterns.T
-        patterns = self._patterns[order.topk(self._count, dim=1, largest=False).indices.T]
-        if self.problem.craft.is_continuous:
-            parts = [level * patterns[:_AHEAD] for level in _LEVELS]
-            patterns = torch.cat((patterns, *parts))
-        outcomes = self.outcomes(state, patterns)
-        if periods > 1:
-            costs = outcomes[0]
-            best = costs.topk(min(_AHEAD, len(costs)), dim=0, largest=False).indices
-            _, first = _taken(patterns, outcomes, best)
-            rest = self.best(first[3:].flatten(1), periods - 1)[1][0]
-            ahead = first[1] + first[2] * rest.view_as(first[1])
-            costs = costs + (ahead - first[0]).mean(dim=0)
-            outcomes[0] = torch.maximum(costs, ahead.amax(dim=0)).scatter(0, best, ahead)
-        return patterns, outcomes
-
-    def best(self, state: Tensor, periods: int) -> tuple[Tensor, Tensor]:
-        """Patterns (N, n) of least cost over some periods, and their `outcomes` (3 + rows, N)."""
-        patterns, outcomes = self.tried(state, periods)
-        chosen = outcomes[0].argmin(dim=0, keepdim=True)
-        patterns, outcomes = _taken(patterns, outcomes, chosen)
-        return patterns[0], outcomes[:, 0]
-
-    def label(self, state: Tensor) -> tuple[Tensor, Tensor]:
-        """Patterns (C, N, n) of valves wholly open, and costs of two periods above that of the best, (C, N), s."""
-        patterns, outcomes = self.tried(state, 2)
-        costs = outcomes[0, : self._count]
-        return patterns[: self._count], costs - costs.amin(dim=0)
-
-
-def _taken(patterns: Tensor, outcomes: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:
-    """Patterns (A, N, n) and outcomes (rows, A, N) at indices (A, N), of all patterns (C, N, n)."""
-    return (
-        patterns.gather(0, index[..., None].expand(-1, -1, patterns.shape[2])),
-        outcomes.gather(1, index.expand(len(outcomes), -1, -1)),
-    )
 
 
 class ValueLearner:
@@ -656,7 +475,7 @@ def _put(kept: list[Tensor], tensors: Sequence[Tensor]) -> None:
 def _check(engine: Engine, network: Network) -> None:
     """Reject (`ConfigError`) engines and networks for which there is no such value function."""
     craft = engine.craft
-    _check_craft(craft)
+    check_craft(craft)
     policy = network.architecture
     if engine.processes.size > 1 or policy.memory or policy.backbone != "dense":
         raise ConfigError(
@@ -665,214 +484,9 @@ def _check(engine: Engine, network: Network) -> None:
         )
 
 
-def suits(craft: Spacecraft) -> bool:
-    """Whether there is such a value function: of craft of constant mass that have thrusters and nothing else."""
-    return craft.has_only_thrusters and not craft.stores
-
-
 def _learns_from_flights(craft: Spacecraft) -> bool:
     """Whether policies imitate values too poorly: in space. The spread of throttles is not learnt."""
     return craft.dimension == 3 and not craft.is_continuous
-
-
-def _check_craft(craft: Spacecraft) -> None:
-    """Reject (`ConfigError`) craft that have no such value function."""
-    if not suits(craft):
-        raise ConfigError(
-            f"value functions are of craft with thrusters alone, without a tank, and {craft.name} is no such "
-            'craft: fly any-craft, or train with the algorithm "ppo".'
-        )
-
-
-_KEPT = 0.6
-"""Part of the tolerance of the position within which flights under conditions are held by values of flights as
-designed."""
-
-
-class _BetweenSpins:
-    """Values of craft under conditions by those of the design: means at the next spins that its pulses can reach.
-
-    Other spins come to rest by no pulses of the design, and its value function has hardly seen any.
-    """
-
-    def __init__(self, value: ValueNetwork) -> None:
-        self.mean = value.mean
-        self._value = value
-
-    def __call__(self, state: Tensor) -> Tensor:
-        """Values of states of a `VariedProblem`, s."""
-        designed = torch.cat((state[:6], state[-1:]))
-        pulse = self._value.problem.spin_steps[0]
-        pulses = designed[5] / pulse
-        low = pulses.floor()
-        below, above = (
-            self._value(torch.cat((designed[:5], x[None] * pulse, designed[6:])))
-            for x in (low, low + 1.0)
-        )
-        return torch.lerp(below, above, pulses - low)
-
-
-class GreedyController:
-    """Commands by the value function of a run, searched two periods ahead, with limits three; a `rans.Controller`.
-
-    >>> rans.evaluate(GreedyController("runs/mine"))  # doctest: +SKIP
-
-    Args:
-        folder: run folder of a training by this algorithm.
-        trade_off: trade-off between time and impulse, 0 (fast) to 1 (thrifty), where goals note none.
-        position_tolerance: tolerance, m, at most that of the training; None: that of the training.
-
-    Raises:
-        ConfigError: it is no such folder, a trade-off is not from 0 to 1, or the tolerance not above 0 and at most
-            that of the training.
-    """
-
-    observes = False
-    slow = 32
-
-    def __init__(
-        self,
-        folder: str | Path,
-        trade_off: float | str = TRADE_OFF,
-        position_tolerance: float | None = None,
-    ) -> None:
-        run = RunFolder(Path(folder))
-        config = run.config()
-        if config.algorithm != "value" or not run.has_checkpoint:
-            raise ConfigError(
-                f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
-            )
-        priced: Any = TASKS["go-to-pose-priced"]()
-        self._trade_off: float = priced.parts()[str(trade_off)].held_trade_off
-        settings: Any = config.settings
-        most: float = settings.tolerances()["position"]
-        if position_tolerance is not None and not 0.0 < position_tolerance <= most:
-            raise ConfigError(
-                f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
-                f"{position_tolerance!r}."
-            )
-        self._setup = run.spacecraft(), settings, config.timing
-        self._tolerance = position_tolerance or most
-        kind = PoseProblem if config.conditions.or_none is None else VariedProblem
-        problem = kind(*self._setup, position_tolerance)
-        value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
-        with reading(run.config_file):  # which the checkpoint may not fit
-            value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
-        self.name = f"{'installed ' * (run.path.parent == SHIPPED)}value of {run.path.name}"
-        self.greedy = self._designed = Greedy(problem, value)
-        # In space some spins that arrive would not come to rest, and an end by success is an arrival anyway.
-        arrives = problem.dimension == 2 and not problem.frame.ends_well
-        self._outside = Greedy(problem, value, arrives)
-        self._belief: Belief | None = None
-
-    def expecting(self, conditions: Conditions | None) -> GreedyController:
-        """The controller that estimates in flight what conditions may be, in the plane without limits or an end.
-
-        See `rans_value.belief`. If its training had none it keeps to a part of the tolerance of the position. None:
-        all is as designed.
-        """
-        made = copy(self)
-        made.greedy, made._belief = self._designed, None
-        problem = made.greedy.problem
-        craft, task, timing = self._setup
-        if conditions is not None and craft.dimension == 2 and type(task) in _POSES:
-            if not isinstance(problem, VariedProblem):
-                kept = craft, task, timing, _KEPT * self._tolerance
-                problem = VariedProblem(*kept)
-                value: Any = copy(made.greedy.value)
-                value.problem = PoseProblem(*kept)
-                made.greedy = Greedy(problem, _BetweenSpins(value))
-            made._belief = Belief(problem, conditions, timing)
-        return made
-
-    def reset(self, count: int) -> None:
-        """Begin ``count`` flights; what is remembered are estimates under conditions."""
-        if self._belief is not None:
-            self._belief.reset(count)
-
-    @torch.no_grad()
-    def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, thrusters) of states."""
-        belief, like, problem = self._belief, self.greedy.value.mean, self.greedy.problem
-        number = like if belief is None else like.double()
-        seen = problem.frame.relative(state, goal, number, self._trade_off)
-        seen = problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
-        command = seen.new_zeros(seen.shape[1], problem.craft.thruster_count)
-        # Only flights that go on. Near limits a period more: errors of the value lose flights there.
-        goes_on = ~problem.frame.is_over(seen)
-        periods = 3 if problem.limits else 2
-        holds = problem.inside(seen)[1] | (belief is not None)
-        for greedy, chosen in ((self.greedy, holds), (self._outside, ~holds)):
-            chosen = chosen & goes_on
-            if chosen.any():
-                command[chosen] = greedy.best(seen[:, chosen], periods)[0]
-        if belief is not None:
-            belief.sent(command)
-        return command.numpy()
-
-
-SHIPPED = Path(__file__).parent / "data"
-"""Folders of the value functions that come with RANS, with numbers of half precision."""
-
-
-class Newest(GreedyController):
-    """Controller by the newest value function of a craft in the folder ``runs``.
-
-    Where ``runs`` has none it is one of `SHIPPED`. It flies at the trade-off of the task, or at its own where goals
-    note none.
-
-    It is the contestant ``value``, as in ``value:go-to-pose-priced-2d@mine.toml#0.5``.
-
-    Raises:
-        ConfigError: there is none.
-    """
-
-    has_trade_off: ClassVar[bool] = True
-
-    def __init__(
-        self, craft: Spacecraft, task: Any, timing: Timing, trade_off: float | str = TRADE_OFF
-    ) -> None:
-        _check_craft(craft)
-        frame = GoalFrame(craft, task, timing)
-        files = Path("runs").glob("**/config.json")
-        newest = sorted(files, key=lambda x: -x.stat().st_mtime)
-        found: dict[bool, Path] = {}
-        for file in (*newest, *SHIPPED.glob("*/config.json")):
-            run = RunFolder(file.parent)
-            # Other folders may need packages that are not here, and files of other programs have the same name.
-            with suppress(ConfigError), reading(file) as table:
-                if table["algorithm"] != "value" or not run.has_checkpoint:
-                    continue
-                config = run.config()
-                if (
-                    run.spacecraft() == craft
-                    and config.timing.control_period == timing.control_period
-                    and GoalFrame(craft, config.settings, timing).serves(frame)
-                ):
-                    found.setdefault(config.conditions.or_none is not None, run.path)
-        if found:
-            how = trade_off, frame.tolerances["position"]
-            super().__init__(found[min(found)], *how)
-            self._varied = GreedyController(found[max(found)], *how)
-            if task.goal_notes is None:
-                for made in (self, self._varied):
-                    made.name += f"#{made._trade_off:g}"
-            return
-        raise ConfigError(
-            f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s for what "
-            f"{type(task).__name__} asks, or with a larger tolerance of the position: train one on a GPU, as with "
-            "rans train go-to-pose --set algorithm=value."
-        )
-
-    def expecting(self, conditions: Conditions | None) -> GreedyController:
-        """As that of a folder: the newest whose training had conditions, unless thrusters fail, and never partly.
-
-        Values of the design hold more of those that are dead or wholly open (docs/decisions/value.md).
-        """
-        is_whole = conditions and conditions.has_faults and "weak" not in conditions.faults.kinds
-        if conditions is None or is_whole:
-            return super().expecting(conditions)
-        return self._varied.expecting(conditions)
 
 
 _ITERATIONS = ((96, 272), (380, 1140))
@@ -895,8 +509,6 @@ _ENVS = (12288, 65536)
 _FINE = 0.5 * math.radians(5.0)
 """Largest turn by a pulse that the next period stops, rad: half the tolerance. At 0.7 of it 5 to 10 % of flights
 leave the pose (docs/decisions/value_policy.md)."""
-_POSES = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
-"""Flights to a pose, to which a value function of either flies at any trade-off."""
 
 
 class Value(Algorithm):
@@ -911,7 +523,7 @@ class Value(Algorithm):
 
         In space of on/off thrusters that turn the craft finely: others are held by fewer policies.
         """
-        fits = suits(craft) and type(config.settings) in _POSES
+        fits = suits(craft) and type(config.settings) in POSES
         if not fits or config.device.startswith("cpu"):
             return None
         if craft.dimension == 3:
@@ -924,7 +536,7 @@ class Value(Algorithm):
     @classmethod
     def contestants(cls, config: TrainConfig) -> list[str]:
         """The value function at three trade-offs, of a craft that can be named: no code of a stranger's config."""
-        task = "go-to-pose-priced" if type(config.settings) in _POSES else config.task
+        task = "go-to-pose-priced" if type(config.settings) in POSES else config.task
         with suppress(ConfigError):
             name = f"value:{task}-{craft_of(config).dimension}d@{config.spacecraft}"
             return [f"{name}#{x}" for x in ("0", "0.5", "1")]

@@ -11,16 +11,10 @@ from typing import Any, cast
 import pytest
 import torch
 from rans_value.belief import Belief
+from rans_value.controller import SHIPPED, GreedyController, Newest
 from rans_value.goal_frame import equivalent
-from rans_value.learner import (
-    SHIPPED,
-    Greedy,
-    GreedyController,
-    Newest,
-    Value,
-    ValueLearner,
-    ValueSettings,
-)
+from rans_value.greedy import Greedy
+from rans_value.learner import Value, ValueLearner, ValueSettings
 from rans_value.problem import PoseProblem, parted
 from rans_value.varied import VariedProblem, drawn_parameters
 from torch import Tensor
