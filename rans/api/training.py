@@ -302,11 +302,16 @@ def config_of(
     # First, as an algorithm has settings and hyper-parameters of its own, which others change.
     if algorithm is not None:
         begun = with_algorithm(begun, typed(algorithm))
+    settings: Any = begun.settings
+    if isinstance(task, Task):
+        # The best agent of a task may be one for all of its trade-offs.
+        same = type(task) is type(settings)
+        settings = task if same else replace(settings, **vars(task))
     options: dict[str, Any] = {
         **numbers,
         "spacecraft": named,
         "device": device,
-        "settings": task if isinstance(task, Task) else None,
+        "settings": settings,
         "ppo": None if ppo is None else checked("ppo", ppo, type(begun.ppo)),
         "conditions": None if conditions is None else load_conditions(conditions),
     }

@@ -519,7 +519,7 @@ class Value(Algorithm):
 
     @classmethod
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
-        """Config for flights to a pose on a GPU; without one the agent for any craft is better.
+        """Config for flights to a pose at every trade-off, on a GPU; without one the agent for any craft is better.
 
         In space of on/off thrusters that turn the craft finely: others are held by fewer policies.
         """
@@ -531,7 +531,8 @@ class Value(Algorithm):
             spin = max(PoseProblem(craft, config.settings, timing).spin_steps)
             if not _learns_from_flights(craft) or spin * timing.control_period > _FINE:
                 return None
-        return cls.started(replace(config, algorithm="value", learner={}))
+        priced: Any = {"task": "go-to-pose-priced", "settings": POSES[1]()}
+        return cls.started(replace(config, algorithm="value", learner={}, **priced))
 
     @classmethod
     def contestants(cls, config: TrainConfig) -> list[str]:

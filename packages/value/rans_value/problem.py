@@ -49,9 +49,10 @@ _APPROACH = 200.0
 _HOLD = 6.0
 """Time constants of the discount outside and inside the goal set, s. Flights are far shorter than the first; the
 second is long enough to hold, and short enough that holding does not delay arrival."""
-_HOLD_PRICE = (0.2, 0.7)
-"""Least and largest price of the full thrust inside the goal set, s/s: a quick flight gains nothing by it there,
-and a thrifty one shall not stay outside because holding is dear."""
+_HOLD_PRICE = 0.7
+"""Price of the full thrust inside the goal set, s/s, at every trade-off: a quick flight gains nothing by thrust
+there, and a thrifty one shall not stay outside because holding is dear. At 0.2 errors of the value function open
+valves all the time (docs/decisions/value_goal.md)."""
 _ERROR = 0.3
 """Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
 value function, or of a policy that imitates its commands, leave no flight outside. It is linear in the error:
@@ -210,12 +211,12 @@ class PoseProblem:
         """
         within, is_in, error = self.inside(state)
         price = self.price(state)
-        held = _ERROR * error * (1.0 + price.clamp(max=_HOLD_PRICE[1]))
+        held = _ERROR * error * (1.0 + price.clamp(max=_HOLD_PRICE))
         outside = torch.where(within, _RESTLESS, 1.0)
         approach, hold = (math.exp(-self.period / x) for x in (_APPROACH, _HOLD))
         return (
             self.period * torch.where(is_in, held, outside),
-            torch.where(is_in, price.clamp(*_HOLD_PRICE), price),
+            price.masked_fill(is_in, _HOLD_PRICE),
             torch.where(is_in, hold, approach),
         )
 

@@ -19,7 +19,7 @@ from rans_value.problem import PoseProblem, parted
 from rans_value.varied import VariedProblem, drawn_parameters
 from torch import Tensor
 
-from rans import TASKS, ConfigError, Engine, GoToPosePriced, Timing
+from rans import TASKS, ConfigError, Engine, GoToPose, GoToPosePriced, Timing
 from rans.api.training import config_of
 from rans.episode import Setup
 from rans.evaluation.compare.entrants import contest_of, enlist
@@ -206,6 +206,7 @@ def test_the_weights_that_ship_hold_a_finer_tolerance():
 
 
 def test_quick_flights_arrive_sooner_than_those_that_count_what_holding_costs():
+    """And hold by fewer than one opening in five periods."""
     task = replace(NEAR, trade_off=(0.0, 0.0))
     controller = Newest(PLATFORM, task, BRIEF)
     problem = controller.greedy.problem
@@ -215,6 +216,7 @@ def test_quick_flights_arrive_sooner_than_those_that_count_what_holding_costs():
         seen = problem.frame.relative(flight.states, flight.goals, torch.zeros(()))
         is_in = problem.inside(seen)[1]
         assert task.reached(flight.states, flight.goals)[-25:].all()
+        assert flight.commands[-25:].sum(axis=2).mean() < 0.2
         arrivals.append(is_in.double().argmax(dim=0).double().mean())
         controller._outside = controller.greedy
     # In periods, of some 12.
@@ -409,6 +411,9 @@ def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly(monkeypatc
         ("free-flyer", "cuda", "ppo"),  # a pulse turns it too far
     ):
         assert best(spacecraft, device=device).algorithm == algorithm
+    # One agent for every trade-off, to the tolerance that is asked for.
+    fine = config_of(GoToPose(position_tolerance=0.03), "atmos", "cuda", quality="best")
+    assert fine.settings == GoToPosePriced(position_tolerance=0.03)
     monkeypatch.setattr("rans_value.learner._FINE", 0.07)
     assert best("free-flyer", device="cuda").algorithm == "value"
     assert best(None, device="cuda", randomized=True).algorithm == "ppo"
