@@ -42,7 +42,7 @@ LAYERS: list[set[str]] = [
     },
     {"rans.files", "rans.languages"},
     {"rans.csv_file"},
-    {"rans.lazy", "rans.registry", "rans.structure", "rans.archives"},
+    {"rans.lazy", "rans.registry", "rans.structure"},
     {"rans.abilities"},
     {"rans.executors"},
     {"rans.processes"},

@@ -16,7 +16,7 @@ import pytest
 from rans_c_code.text import C
 
 import rans
-from rans import ConfigError, PPOSettings, Timing
+from rans import ConfigError, Timing
 from rans.cli.next_commands import training
 from rans.deploy.export import write_agent, write_export
 from rans.fast.agent_files.agent import SavedPolicy
@@ -96,7 +96,7 @@ def test_python_has_the_name_as_text(name, tmp_path):
     saved = small()
     codes = []
     for title in ("agent", name):
-        write_agent(tmp_path, "numpy", saved, PPOSettings(), title)
+        write_agent(tmp_path, "numpy", saved, title)
         module = ast.parse((tmp_path / "agent.py").read_text("utf-8"))
         codes.append(ast.dump(ast.Module(module.body[1:], [])))
     assert codes[0] == codes[1]
@@ -127,7 +127,7 @@ def contract_of(name: str) -> str:
 def test_c_has_the_name_as_text(name, tmp_path):
     """As the title, and as names of columns and commands."""
     saved = small()
-    write_agent(tmp_path, "c", saved, PPOSettings(), name, contract_of(name))
+    write_agent(tmp_path, "c", saved, name, contract_of(name))
     assert strangers_code(tmp_path / "agent.c") == []
 
 
@@ -137,7 +137,7 @@ def test_an_fmu_has_the_name_as_text(name, tmp_path):
     """XML has no form for control characters, which the door refuses."""
     fmpy = pytest.importorskip("fmpy")
     saved = small()
-    write_agent(tmp_path, "fmu", saved, PPOSettings(), name, contract_of(name))
+    write_agent(tmp_path, "fmu", saved, name, contract_of(name))
     about = fmpy.read_model_description(str(tmp_path / "agent.fmu"))
     assert (about.modelName, about.description) == (name, name)
     assert {one.unit for one in about.modelVariables if one.unit} == {name}

@@ -259,7 +259,7 @@ ANSWERS: Answers = {
         "times": "a network has none",
         "order": "spaces are compared (tests/evaluation/fly/test_controllers.py)",
         "dropped": "statistics beside it are applied (tests/evaluation/fly/test_normalized_policies.py)",
-        "sizes": "archives are bounded (tests/fast/agent_files/test_agent.py)",
+        "sizes": "what is trusted has no bound",
         "evidence": Answer(pickled, "is a pickle"),
     },
     "Tuned.read": {

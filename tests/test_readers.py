@@ -60,7 +60,7 @@ def test_files_are_opened_by_the_readers_alone():
         if name in TABLES["readers"]:
             continue
         used |= {(name, call) for call in opens(file.read_text("utf-8"))}
-    assert used - ALLOWED == set(), "use rans.files or rans.archives"
+    assert used - ALLOWED == set(), "use rans.files"
     assert ALLOWED - used == set(), "an exception that no module needs"
 
 

@@ -270,7 +270,7 @@ def export(
             for that craft. onnx:FILE:TASK-2d@SPACECRAFT is a network of another library, copied by the format onnx.
         output: folder to write, whose name becomes the agent's name; by default runs/exports/ and the name of the
             agent.
-        format: format of the agent: rans, sb3, onnx, numpy, c, c8 (c with weights of a byte), fmu, basilisk, px4,
+        format: format of the agent: rans, onnx, numpy, c, c8 (c with weights of a byte), fmu, basilisk, px4,
             or another package's. None has the safety filter: the contract names it, and `rans fly` on the folder
             applies it (docs/missions/guard.md).
         episodes: number of evaluation flights for the model card.
@@ -295,14 +295,14 @@ def exported(
     prefix: str = "",
 ) -> tuple[Path, dict[str, Any]]:
     """Write an export and return its folder and card; see `export`, whose arguments these are."""
-    from rans.deploy.export import EXPORTERS, SAVED, write_export
+    from rans.deploy.export import EXPORTERS, OWN, write_export
     from rans.deploy.forms import FORMATS
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.fly.exported import is_exported
 
     count = whole("episodes", episodes)
-    one_of("format", format, (*SAVED, *FORMATS))
-    takes_prefix = format not in SAVED and FORMATS[format].is_prefixed
+    one_of("format", format, (OWN, *FORMATS))
+    takes_prefix = format != OWN and FORMATS[format].is_prefixed
     if prefix and not (takes_prefix and re.fullmatch(r"[a-zA-Z]\w{0,30}", prefix, re.A)):
         raise ConfigError(
             "name is the prefix of names in C, of at most 31 letters, digits and underscores, and needs the format "
@@ -332,8 +332,8 @@ def exported(
         raise ConfigError(f"{source.name} comes with RANS in this format already, in {source}.")
     # Before minutes of flights.
     write_policy = EXPORTERS[name.kind] if is_foreign else None
-    if format in _PACKAGES:
-        require(_PACKAGES[format])
+    if format == "onnx":
+        require("onnx")
     # The folder of an agent for any craft is named after its craft too.
     label = source.stem if is_foreign else source.name
     if name.is_for_a_craft:
@@ -351,8 +351,6 @@ def exported(
 
 _LEAST = 50.0
 """Solved flights, %, below which an agent is exported on demand only."""
-_PACKAGES = {"onnx": "onnx", "sb3": "stable_baselines3"}
-"""Modules that formats need beside the core."""
 
 
 def _comes_with_rans(folder: Path) -> bool:

@@ -16,8 +16,7 @@ from rans.terminal import Terminal, doing
 class Export(Options):
     """Export an agent for other software, with an interface contract, test vectors and a model card.
 
-    rans is a folder that works as a run folder, without the critic. sb3 is such a folder whose policy.zip
-    stable_baselines3.PPO.load opens, to continue the training there. onnx is one file for any ONNX runtime. numpy
+    rans is a folder that works as a run folder, without the critic. onnx is one file for any ONNX runtime. numpy
     is a Python file and its tables. c is a header and a source in C99, without allocation or dependencies; it
     is compiled and checked if there is a compiler. fmu is a unit of FMI 2.0 for co-simulation, as Simulink and
     Dymola read it.

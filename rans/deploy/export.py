@@ -20,9 +20,8 @@ from rans.deploy.contract import (
 )
 from rans.deploy.forms import FORMATS
 from rans.deploy.program import Ports, agent_program
-from rans.effectors.commands import allowed, is_identity
 from rans.episode import Setup
-from rans.errors import ConfigError, one_line, require
+from rans.errors import ConfigError, one_line
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
@@ -30,7 +29,7 @@ from rans.evaluation.fly.evidence import about as made
 from rans.evaluation.fly.protocols import ProtocolName, fitting_protocols
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
-from rans.fast.learn.config import PPOSettings, to_table
+from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, solved_percent
 from rans.files import (
     environment,
@@ -66,17 +65,14 @@ class Exporter(Protocol):
 EXPORTERS: Registry[Exporter] = Registry("export of a", "rans.exporters")
 """What installed packages export beside agents of RANS: by `ContestantName.kind`, and spacecraft."""
 
-SAVED: dict[str, tuple[str, ...]] = {
-    "sb3": ("policy.zip", "config.json"),
-    "rans": (AGENT, "config.json"),
-}
-"""Forms that are the agent's own weights, and their files; `FORMATS` are printed from its program."""
+OWN = "rans"
+"""Form that is the agent's own weights and config; `FORMATS` are printed from its program."""
 
 
 def write_export(
     run: Path,
     folder: Path,
-    form: str = "rans",
+    form: str = OWN,
     episodes: int = 1024,
     least: float = 0.0,
     prefix: str = "",
@@ -85,12 +81,11 @@ def write_export(
 ) -> dict[str, Any]:
     """Write an agent into a folder of its own, to fly it here or elsewhere, and return its card.
 
-    "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "sb3":
-    policy.zip and config.json, which `load_agent` and ``stable_baselines3.PPO.load`` open; "onnx": agent.onnx, for
-    any runtime; "numpy": agent.py and agent.npz, which need NumPy only; others are of packages. Beside them
-    spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for every
-    form, so that several may share a folder. Without a name an agent that was exported before keeps its own; a
-    trained one has that of the folder. Everything is written anew: nothing that was hidden in the run's files is
+    "rans": agent.safetensors, without the critic, and config.json, which `load_agent` opens; "onnx":
+    agent.onnx, for any runtime; "numpy": agent.py and agent.npz, which need NumPy only; others are of packages.
+    Beside them spacecraft.toml, contract.json (`rans.deploy.contract`), golden.json and card.json, the same for
+    every form, so that several may share a folder. Without a name an agent that was exported before keeps its own;
+    a trained one has that of the folder. Everything is written anew: nothing that was hidden in the run's files is
     handed on.
 
     For the card so many episodes are flown under each of `fitting_protocols` and, by
@@ -112,11 +107,6 @@ def write_export(
     name = name or known.get("name", "") or folder.resolve().name
     name = one_line("the name of an agent", name)
     craft = source.spacecraft()
-    if form == "sb3" and not is_identity(craft):
-        raise ConfigError(
-            f"Stable-Baselines3's policies act from 0 to 1, and {craft.name} takes {allowed(craft)}: export "
-            "as onnx or numpy."
-        )
     # What the agent is, and what it does on flights of its training.
     config = source.config()
     card: dict[str, Any] = {}
@@ -130,7 +120,7 @@ def write_export(
         own = {"name": name, "task": config.task, "spacecraft": craft.name}
         card = own | known | own
     saved = read_policy(source.agent_file)
-    reduced = None if form in SAVED else FORMATS[form].reduced
+    reduced = None if form == OWN else FORMATS[form].reduced
     if reduced is not None:
         # From here on this is the agent: golden pairs are its own.
         saved = saved._replace(network=reduced(saved.network))
@@ -163,14 +153,13 @@ def write_export(
         folder,
         form,
         saved,
-        config.ppo,
         f"{name}: flies {craft.name} by RANS's task {config.task}.",
         json.dumps(plain(about)),
         craft,
         chosen,
         prefix,
     )
-    if form in ("sb3", "rans"):
+    if form == OWN:
         write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
     write_text(target.spacecraft_file, text)
     about["about"] = made(spec or str(run), setup, "rans.export")
@@ -194,11 +183,11 @@ def check_alone(folder: Path, form: str, pairs: str) -> None:
     """Refuse to lay an agent's contract and golden pairs beside files that are another agent's."""
     if RunFolder(folder).metrics_file.exists():
         raise ConfigError(f"{folder} is the run folder of a training: export into another folder.")
-    own = SAVED.get(form) or FORMATS[form].files
+    own = (AGENT, "config.json") if form == OWN else FORMATS[form].files
     agents = sorted(file.name for file in folder.glob("agent[._]*"))
     others = [
         name
-        for name in ("policy.zip", "config.json", *agents)
+        for name in ("config.json", *agents)
         if name not in own and not name.endswith(f".{form}") and (folder / name).exists()
     ]
     file = inside(folder, "golden.json")
@@ -214,37 +203,25 @@ def write_agent(
     folder: Path,
     form: str,
     saved: SavedPolicy,
-    settings: PPOSettings,
     title: str,
     contract: str = "",
     craft: Spacecraft | None = None,
     pairs: dict[str, Any] | None = None,
     prefix: str = "",
 ) -> None:
-    """The agent alone, in a form of `write_export`; the settings are those that SB3 would train it on with.
+    """The agent alone, in a form of `write_export`.
 
-    Only programs give commands in the craft's ranges: the other forms hold a policy, whose outputs are 0 to 1.
+    Only programs give commands in the craft's ranges: its own form holds a policy, whose outputs are 0 to 1.
     """
     network = saved.network
-    if form not in SAVED:
+    if form != OWN:
         write = FORMATS[form].write
         ports = Ports.of(network.architecture)
         more = {"prefix": prefix} if prefix else {}
         write(folder, agent_program(network, craft), ports, title, contract, pairs, **more)
-    elif form == "rans":
+    else:
         content = actor_bytes(network.architecture, network.weights(), saved.steps)
         replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
-    else:
-        require("stable_baselines3")
-        from rans.fast.policy import write_policy
-
-        write_policy(
-            folder / "policy.zip",
-            network.architecture,
-            network.weights(),
-            settings,
-            saved.steps,
-        )
 
 
 def evaluated(

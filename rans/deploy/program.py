@@ -52,7 +52,7 @@ def agent_program(network: Network, craft: Spacecraft | None = None) -> Program:
     try:
         program = policy_program(architecture, "output" if ranges else "command")
     except UNTRACEABLE as error:
-        raise ConfigError(f"the agent can only be exported as rans or sb3: {error}") from error
+        raise ConfigError(f"the agent can only be exported as rans: {error}") from error
     if ranges:
         _commanded(program, "output", ranges)
     outputs = ["command", *(["memory_out"] if architecture.memory else [])]

@@ -1,15 +1,10 @@
-"""Spaces of an agent, and its actions for arrays of observations, as Stable-Baselines3 has them."""
+"""Actions of an agent for arrays of observations, as Stable-Baselines3 has them."""
 
 from __future__ import annotations
 
-import math
-from typing import Any
-
 import numpy as np
 import torch
-from gymnasium import spaces
 
-from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 
 
@@ -55,18 +50,3 @@ def predict(
     action = command.cpu().numpy().astype(np.float32 if architecture.continuous else np.int64)
     action = action.reshape(*np.shape(observation)[:-1], action.shape[1])
     return action, None if memory is None else (memory.cpu().numpy(),)
-
-
-def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
-    """Observation and action space (Gymnasium) of an agent, as SB3 stores them in its files.
-
-    Stable-Baselines3 compares them with those of an environment when it opens the file; its boxes hold float32.
-    """
-    bounds = architecture.bounds or (math.inf,) * architecture.layout.width
-    finite_bounds = np.minimum(bounds, np.finfo(np.float32).max).astype(np.float32)
-    count = architecture.thrusters
-    duties = spaces.Box(0.0, 1.0, (count,), np.float32)
-    switches = spaces.MultiDiscrete([2] * count)
-    return spaces.Box(
-        -finite_bounds, finite_bounds, dtype=np.float32
-    ), duties if architecture.continuous else switches

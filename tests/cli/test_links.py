@@ -25,7 +25,7 @@ def run(trained, tmp_path, monkeypatch) -> Path:
     [
         *(
             ("evaluate run --episodes 2", name)
-            for name in ("config.json", "policy.zip", "agent.safetensors", "evaluation.json")
+            for name in ("config.json", "agent.safetensors", "evaluation.json")
         ),
         *(
             ("train --resume run", name)

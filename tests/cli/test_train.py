@@ -15,12 +15,13 @@ from torch import Tensor
 
 from rans.cli import main, train
 from rans.cli.train import StopGently, Train, compile_in_this_process
+from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
 from rans.model.spacecraft_file import spacecraft_text
 from tests.support.command_runs import tiny
 from tests.support.processes import PATIENCE, command
-from tests.support.training import as_sb3, weights
+from tests.support.training import weights
 
 
 @pytest.fixture(autouse=True)
@@ -31,7 +32,7 @@ def _elsewhere(tmp_path, monkeypatch) -> None:
 
 
 def trained(run: str) -> Tensor:
-    return weights(as_sb3(Path(run)).policy)
+    return weights(read_policy(RunFolder(Path(run)).agent_file).network)
 
 
 @pytest.mark.usefixtures("undrawn")

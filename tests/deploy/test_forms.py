@@ -22,7 +22,7 @@ from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import SavedPolicy
-from rans.fast.learn.config import FilterSettings, MemorySettings, PPOSettings
+from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.fields import atan2
 from rans.model.spacecraft_file import load_spacecraft
@@ -94,8 +94,6 @@ def test_a_shipped_agent_commands_the_same_in_every_form(name: str, tmp_path: Pa
     short = replace(setup.timing, episode_steps=12)
     batches = list(asked(network, setup._replace(timing=short), 100))
     forms = [form for form in FORMS if form != "c" or name in COMPILED]
-    if name == "go-to-pose-2d-robust":
-        forms.append("sb3")
     check_forms(network, batches, tmp_path, forms, 1e-5)
 
 
@@ -330,7 +328,7 @@ def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     """For runtimes and viewers: names, types, free rows, and the contract."""
     onnx = pytest.importorskip("onnx")
     network, _ = shipped("go-to-pose-2d-robust")
-    write_agent(tmp_path, "onnx", SavedPolicy(network, 0), PPOSettings(), "it", '{"format": 1}')
+    write_agent(tmp_path, "onnx", SavedPolicy(network, 0), "it", '{"format": 1}')
     model = onnx.load(tmp_path / "agent.onnx")
     assert {x.key: x.value for x in model.metadata_props} == {
         "what": "it",
@@ -356,5 +354,5 @@ def test_a_layout_that_no_export_knows(monkeypatch: pytest.MonkeyPatch, tmp_path
     monkeypatch.setattr(
         kinds, "mirrored", staticmethod(lambda columns, view, hand: [atan2(columns[0], hand)])
     )
-    with pytest.raises(ConfigError, match="only be exported as rans or sb3: 'atan2'"):
+    with pytest.raises(ConfigError, match="only be exported as rans: 'atan2'"):
         written(tmp_path, network, "onnx")

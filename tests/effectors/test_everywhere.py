@@ -10,7 +10,7 @@ import pytest
 import torch
 
 import rans
-from rans import PPOSettings, Spacecraft, Timing
+from rans import Spacecraft, Timing
 from rans.deploy.contract import golden
 from rans.deploy.export import write_agent
 from rans.evaluation.fly.agent import Agent
@@ -109,7 +109,7 @@ def test_exported_programs_command_in_the_ranges(untrained, tmp_path):
     seen = np.random.default_rng(0).normal(size=(5, 8, network.architecture.layout.width))
     seen = seen.astype(np.float32)
     saved = SavedPolicy(network, 0)
-    write_agent(tmp_path, "numpy", saved, PPOSettings(), "title", craft=craft)
+    write_agent(tmp_path, "numpy", saved, "title", craft=craft)
     module = module_of(tmp_path / "agent.py")
     pairs = golden(network, seen, craft)
     for row, command in zip(pairs["observation"], pairs["command"], strict=True):

@@ -1,25 +1,21 @@
-"""The network in SB3: its own policy class says the same with the same weights."""
+"""The network beside that of Stable-Baselines3, with the same weights."""
 
 import numpy as np
 import pytest
-import stable_baselines3
 import torch
 from stable_baselines3.common.policies import ActorCriticPolicy
 
-from rans import Engine, SB3VecEnv
 from rans.fast.learn.config import MemorySettings
-from rans.fast.policy import policy_kwargs, write_policy
 from rans.policy.architecture import Architecture
-from rans.policy.predict import policy_spaces, predict
-from tests.support.engines import NEAR, PLATFORM, SHORT, both_crafts
+from rans.policy.predict import predict
+from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import (
-    learner_on,
     make_network,
-    sb3_policy,
+    policy_kwargs,
+    policy_spaces,
     scatter,
     seen,
     tiny_learner,
-    weights,
 )
 
 
@@ -44,7 +40,7 @@ def test_it_begins_with_the_weights_of_sb3(craft, continuous):
 
 @both_crafts
 def test_a_critic_that_is_told_nothing_goes_by_the_design(craft):
-    """It values states as if told the numbers of the nominal craft, not all of them one; in files too."""
+    """It values states as if told the numbers of the nominal craft, not all of them one."""
     learner = tiny_learner(craft, privileged_critic=True)
     network = scatter(learner.network)
     told = learner.engine.privileged()[:8]
@@ -55,31 +51,12 @@ def test_a_critic_that_is_told_nothing_goes_by_the_design(craft):
         network.evaluate(observations, None, told).value, value, rtol=0, atol=0
     )
     assert (network.evaluate(observations, None, torch.ones_like(told)).value != value).all()
-    policy = sb3_policy(network.architecture, network.weights(), dtype=torch.float32)
-    torch.testing.assert_close(policy.predict_values(observations)[:, 0], value, rtol=0, atol=0)
-
-
-@pytest.mark.parametrize("backbone", ["dense", "allocated"])
-def test_sb3_itself_learns_on_from_it(backbone, tmp_path):
-    engine = Engine(PLATFORM, NEAR, 16, SHORT)
-    learner = learner_on(engine, n_steps=8, layers=(16, 16), backbone=backbone)
-    network = learner.network
-    file = tmp_path / "policy.zip"
-    write_policy(file, network.architecture, network.weights(), learner.settings, 1024)
-    model = stable_baselines3.PPO.load(file, env=SB3VecEnv(engine), device="cpu")
-    before = weights(model.policy)
-    # Of the type of the space, as of its other heads.
-    assert model.policy(seen(PLATFORM, 5))[0].dtype == torch.int64
-    model.learn(256, reset_num_timesteps=False)
-    assert model.num_timesteps == 1280
-    assert (weights(model.policy) != before).any()
 
 
 def test_where_an_episode_begins_nothing_is_remembered():
-    """And elsewhere what was: row by row as if each spacecraft had flown alone, in SB3 too."""
+    """And elsewhere what was: row by row as if each spacecraft had flown alone."""
     learner = tiny_learner(memory=MemorySettings(4))
     network = scatter(learner.network)
-    sb3 = sb3_policy(network.architecture, network.weights(), dtype=torch.float32)
     begins = np.arange(60) % 3 == 0
     before, now = (seen(PLATFORM, 60, seed).numpy() for seed in (1, 2))
     _, state = predict(network, before)
@@ -93,5 +70,3 @@ def test_where_an_episode_begins_nothing_is_remembered():
         assert memory is not None
         np.testing.assert_array_equal(said[rows], command[rows])
         np.testing.assert_array_equal(after[0][rows], memory[0][rows])
-    theirs, _ = sb3.predict(now, state, begins, deterministic=True)
-    np.testing.assert_array_equal(theirs, said)

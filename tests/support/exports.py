@@ -11,7 +11,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans import PPOSettings
 from rans.deploy.contract import recorded
 from rans.deploy.export import write_agent
 from rans.episode import Setup
@@ -49,7 +48,7 @@ def remembering() -> tuple[Network, Setup, np.ndarray]:
 def written(folder: Path, network: Network, *forms: str, title: str = "agent") -> Path:
     """The folder with the network in these forms."""
     for form in forms:
-        write_agent(folder, form, SavedPolicy(network, 0), PPOSettings(), title)
+        write_agent(folder, form, SavedPolicy(network, 0), title)
     return folder
 
 

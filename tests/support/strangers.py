@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import base64
 import io
-import json
 import os
-import pickle
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -33,25 +30,6 @@ def rewritten(file: Path, change: Callable[[str, bytes], bytes | None]) -> None:
         for name, content in entries.items():
             if content is not None:
                 archive.writestr(name, content)
-
-
-def older(file: Path) -> None:
-    """An archive as early versions of RANS wrote it: pickles alone."""
-    rewritten(file, lambda name, content: None if name == "agent.safetensors" else content)
-
-
-def trapped(file: Path, ran: Path) -> None:
-    """Code in the place of the policy's class, in what SB3 unpickles."""
-    code = base64.b64encode(pickle.dumps(Code(ran))).decode()
-
-    def change(name: str, content: bytes) -> bytes:
-        if name != "data":
-            return content
-        table = json.loads(content)
-        table["policy_class"] |= {":serialized:": code}
-        return json.dumps(table).encode()
-
-    rewritten(file, change)
 
 
 def trapped_weights(file: Path, ran: Path) -> None:

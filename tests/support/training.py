@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import shutil
-import tempfile
+import math
 from collections.abc import Mapping
 from dataclasses import fields, replace
 from pathlib import Path
@@ -13,24 +12,24 @@ import numpy as np
 import pytest
 import stable_baselines3
 import torch
+from gymnasium import spaces
 from stable_baselines3.common.buffers import RolloutBuffer
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.policies import ActorCriticPolicy
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor
 
 from rans import Engine, SB3VecEnv
-from rans.fast.agent_files.agent import read_policy
+from rans.fast.learn.adam import EPSILON
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
 from rans.fast.learn.ppo import PPOLearner
 from rans.fast.learn.rollout import Batch
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
-from rans.fast.policy import AgentPolicy, policy_kwargs, write_policy
 from rans.model.actuators import Throttle
-from rans.policy.architecture import Architecture
+from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.network import Network
-from rans.policy.predict import policy_spaces
 from rans.tasks import GoToPose, observation
 from rans.tasks.derived import layout
 from tests.support.crafts import random_states
@@ -122,17 +121,51 @@ def scatter(network: Network, seed: int = 3) -> Network:
     return network
 
 
+class Trunk(BaseFeaturesExtractor):
+    """Normaliser and trunk of a `Network` as SB3's features extractor, without its heads."""
+
+    def __init__(self, observation_space: spaces.Box, architecture: Architecture) -> None:
+        super().__init__(observation_space, architecture.features)
+        self.architecture = architecture
+        for name, module in architecture.modules().items():
+            self.add_module(name, module)
+        for name, statistic in architecture.statistics().items():
+            self.register_buffer(name, statistic)
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Features (N, units of the last layer) of observations (N, width)."""
+        tensors = (*self.named_parameters(), *self.named_buffers())
+        network = Network(self.architecture, {EXTRACTOR + name: x for name, x in tensors})
+        return network.features(network.look(network.in_body(observations))[0])[0]
+
+
+def policy_kwargs(architecture: Architecture) -> dict[str, Any]:
+    """``policy_kwargs`` of SB3 for a network of this architecture, with our Adam's."""
+    return {
+        "features_extractor_class": Trunk,
+        "features_extractor_kwargs": {"architecture": architecture},
+        "net_arch": [],
+        "optimizer_kwargs": {"fused": True, "eps": EPSILON},
+    }
+
+
+def policy_spaces(architecture: Architecture) -> tuple[spaces.Box, spaces.Space[Any]]:
+    """Observation and action space of an agent, as SB3 has them."""
+    count = architecture.thrusters
+    duties = spaces.Box(0.0, 1.0, (count,), np.float32)
+    seen = spaces.Box(-math.inf, math.inf, (architecture.layout.width,))
+    return seen, duties if architecture.continuous else spaces.MultiDiscrete([2] * count)
+
+
 def sb3_policy(
     architecture: Architecture,
     tensors: Mapping[str, Tensor],
-    own: bool = False,
     dtype: torch.dtype = torch.float64,
 ) -> ActorCriticPolicy:
-    """These weights in SB3's policy: in ours, or in SB3's own class, which knows no symmetries."""
-    kind = ActorCriticPolicy if own else AgentPolicy
-    policy = kind(*policy_spaces(architecture), lambda _: 1e-3, **policy_kwargs(architecture)).to(
-        dtype
-    )
+    """These weights in SB3's own policy, which knows no symmetries."""
+    policy = ActorCriticPolicy(
+        *policy_spaces(architecture), lambda _: 1e-3, **policy_kwargs(architecture)
+    ).to(dtype)
     with torch.no_grad():
         for name, place in (*policy.named_parameters(), *policy.named_buffers()):
             place.copy_(tensors[name])
@@ -179,9 +212,7 @@ def sb3_twin(learner: PPOLearner, settings: PPOSettings, **changes: Any) -> stab
     )
     twin.policy.to(engine.dtype)
     twin.policy.load_state_dict(
-        sb3_policy(
-            architecture, learner.network.weights(), own=True, dtype=engine.dtype
-        ).state_dict()
+        sb3_policy(architecture, learner.network.weights(), engine.dtype).state_dict()
     )
     twin.set_logger(Logger(None, []))
     return twin
@@ -260,27 +291,3 @@ def collected(craft: Any, device: str = "cpu", **settings: Any) -> tuple[PPOLear
             like = network.tensors[name]
             like += 0.02 * torch.randn(like.shape, generator=scale, device=device)
     return learner, learner.batch()
-
-
-def archived(run: Path) -> Path:
-    """``policy.zip`` in place of ``agent.safetensors`` in a run folder, for Stable-Baselines3."""
-    folder = RunFolder(run)
-    saved = read_policy(folder.trained_file)
-    network = saved.network
-    file = run / "policy.zip"
-    write_policy(
-        file,
-        network.architecture,
-        network.weights(),
-        folder.config().ppo,
-        saved.steps,
-    )
-    folder.trained_file.unlink()
-    return file
-
-
-def as_sb3(run: Path) -> stable_baselines3.PPO:
-    """The agent of a run folder, as Stable-Baselines3 loads it from its archive."""
-    with tempfile.TemporaryDirectory() as folder:
-        copy = shutil.copytree(run, Path(folder) / "run")
-        return stable_baselines3.PPO.load(archived(Path(copy)), device="cpu")

@@ -53,21 +53,6 @@ def onnx_answer(folder: Path) -> Answer:
     return answer
 
 
-def sb3_answer(folder: Path) -> Answer:
-    """What policy.zip answers in Stable-Baselines3."""
-    from stable_baselines3 import PPO
-
-    policy = PPO.load(folder / "policy.zip", device="cpu").policy
-
-    def answer(observation: np.ndarray, memory: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        command, after = policy.predict(
-            observation, (memory,) if memory.size else None, deterministic=True
-        )
-        return command, after[0] if after else memory
-
-    return answer
-
-
 def c_compilers() -> dict[str, list[str]]:
     """The C compilers of this machine, as the words that begin their commands, by name.
 
@@ -113,7 +98,6 @@ def c_answer(folder: Path, compiler: Sequence[str] | None = None) -> Answer:
 
 
 ANSWERS: dict[str, Callable[[Path], Answer]] = {
-    "sb3": sb3_answer,
     "onnx": onnx_answer,
     "numpy": numpy_answer,
     "c": c_answer,

@@ -67,7 +67,7 @@ def exported(network: Network, form: str) -> Policy:
         ConfigError, ImportError: the form needs a package.
     """
     with tempfile.TemporaryDirectory() as folder:
-        write_agent(Path(folder), form, SavedPolicy(network, 0), PPOSettings(), "agent")
+        write_agent(Path(folder), form, SavedPolicy(network, 0), "agent")
         answer = ANSWERS[form](Path(folder))
     nothing = np.zeros((1, 0), np.float32)
     return lambda observation: answer(observation, nothing)[0]

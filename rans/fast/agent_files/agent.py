@@ -1,14 +1,12 @@
 """Agent files: weights as safetensors with their description as JSON in the header; reading one runs no code.
 
 A training stores its agent in ``agent.safetensors``, an exported agent has that file without its critic.
-The ``policy.zip`` of an export for Stable-Baselines3 holds it beside pickled files, which RANS does not read
-(docs/decisions/security.md). Files of every release must stay readable (`tests/test_pretrained.py`): new keys have
+Files of every release must stay readable (`tests/test_pretrained.py`): new keys have
 defaults.
 """
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, replace
@@ -19,7 +17,6 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.archives import content, opened
 from rans.errors import ConfigError, NonFiniteState, RansError, brief
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.files import first_line, plain, read_bytes
@@ -33,7 +30,7 @@ from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Block, Layout, ObservationTerm
 
 AGENT = "agent.safetensors"
-"""Name of the file, and of the member of a ``policy.zip`` that RANS reads."""
+"""Name of the file."""
 _LARGEST = 2**28
 """Largest number of bytes of an agent file."""
 _CRITIC = "value_net.", f"{EXTRACTOR}critic."
@@ -117,23 +114,12 @@ def actor_bytes(
 
 
 def read_policy(file: Path) -> SavedPolicy:
-    """Read an agent from an ``agent.safetensors``, or from a ``policy.zip`` of RANS.
-
-    No code in the file is run.
+    """Read an agent from an ``agent.safetensors``; no code in the file is run.
 
     Raises:
         ConfigError: the file is not an agent, or is damaged.
     """
-    if file.suffix == ".safetensors":
-        return policy_of(read_bytes(file, _LARGEST), file)
-    with _checked(file) as archive:
-        if AGENT not in archive.namelist():
-            raise ConfigError(
-                f"{file} holds no {AGENT}: an early version of RANS wrote it, which kept weights "
-                "in pickles, or Stable-Baselines3 itself. Train the agent anew, or fly what "
-                f"Stable-Baselines3 saved as sb3:{file} with --trust."
-            )
-        return _read(unpack_tensors(content(archive, AGENT), f"{file}/{AGENT}"))
+    return policy_of(read_bytes(file, _LARGEST), file)
 
 
 def policy_of(content: bytes, where: Path) -> SavedPolicy:
@@ -144,15 +130,6 @@ def policy_of(content: bytes, where: Path) -> SavedPolicy:
     """
     with _damage_as_config_error(where):
         return _read(unpack_tensors(content, where))
-
-
-@contextmanager
-def _checked(file: Path) -> Iterator[zipfile.ZipFile]:
-    """Context with a checked archive; any damage is a `ConfigError`."""
-    with _damage_as_config_error(file), opened(file) as archive:
-        if spoilt := archive.testzip():
-            raise ValueError(f"the checksum of {spoilt} is wrong")
-        yield archive
 
 
 @contextmanager

@@ -46,10 +46,9 @@ class RunFolder:
         self.spacecraft_file = files.inside(path, "spacecraft.toml")
         self.metrics_file = files.inside(path, "metrics.jsonl")
         self.checkpoint_file = files.inside(path, CHECKPOINT)
-        self.trained_file = files.inside(path, AGENT)
+        self.agent_file = files.inside(path, AGENT)
         self.nonfinite_file = files.inside(path, "nonfinite.safetensors")
         self.card_file = files.inside(path, "card.json")
-        self._archive = files.inside(path, "policy.zip")
         self._lock = files.Lock(files.inside(path, files.LOCK))
 
     def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
@@ -110,8 +109,7 @@ class RunFolder:
             self.spacecraft_file,
             self.metrics_file,
             self.checkpoint_file,
-            self.trained_file,
-            self._archive,
+            self.agent_file,
         ):
             files.clear_drafts(file, abandoned=0.0)
 
@@ -228,12 +226,6 @@ class RunFolder:
         """Latest checkpoint; ConfigError if it cannot be read or is damaged."""
         content = files.read_bytes(self.checkpoint_file, _LARGEST_CHECKPOINT)
         return unpack_tensors(content, self.checkpoint_file, device)
-
-    @property
-    def agent_file(self) -> Path:
-        """File of the agent: ``agent.safetensors``, or the ``policy.zip`` that SB3 opens if only that exists."""
-        has_archive = self._archive.exists() and not self.trained_file.exists()
-        return self._archive if has_archive else self.trained_file
 
 
 def solved_percent(card: dict[str, Any]) -> float:

@@ -378,7 +378,7 @@ class Trainer:
             self.run.save_checkpoint(state)
             network = self.learner.network
             content = agent_bytes(network.architecture, network.weights(), self.steps)
-            replace_file(self.run.trained_file, lambda draft: draft.write_bytes(content))
+            replace_file(self.run.agent_file, lambda draft: draft.write_bytes(content))
 
     def _checkpoint(self) -> dict[str, Any]:
         """What a training needs to go on as if it had not stopped; `_restore` reads the same keys."""

@@ -5,7 +5,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rans import ConfigError
@@ -14,7 +13,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.actuators import Throttle
 from rans.model.spacecraft_file import spacecraft_text, to_toml
-from tests.support.training import CONFIG, as_sb3, seen
+from tests.support.training import CONFIG, seen
 
 
 @pytest.fixture(scope="module", params=["floating-platform", "free-flyer"])
@@ -48,8 +47,6 @@ def test_the_agent_is_the_policy(trained):
     actions = loaded.controller.act(None, None, observations)
     assert actions.shape == (300, len(craft.thrusters))
     assert 0.05 < actions.mean() < 0.95
-    model = as_sb3(trained)
-    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], actions)
 
 
 def test_an_agent_for_another_spacecraft(run_folder):

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -19,7 +18,7 @@ from rans.model.spacecraft_file import to_toml
 from rans.reference.flight import fly_in_drake
 from rans.scenario import scenarios
 from tests.support.engines import PLATFORM
-from tests.support.training import CONFIG, after, as_sb3, ignore, seen, tiny_trainer
+from tests.support.training import CONFIG, after, ignore, seen, tiny_trainer
 
 
 def begun(folder: Path, kind: Actuators, head: Head = "auto") -> Trainer:
@@ -51,9 +50,6 @@ def test_an_agent_is_trained_saved_and_flown(kind, tmp_path):
     assert craft.actuators == kind
     observations = seen(craft, 200).numpy()
     commands = agent.act(None, None, observations)
-    model = as_sb3(tmp_path / "run")
-    np.testing.assert_array_equal(model.predict(observations, deterministic=True)[0], commands)
-    assert model.action_space == gymnasium.spaces.Box(0.0, 1.0, (8,), np.float32)
     assert ((commands > 0) & (commands < 1)).mean() > 0.5
     starts = scenarios(task.for_evaluation(), craft, 1, 2)
     ours, drakes = (by(craft, task, agent, starts, timing) for by in (fly, fly_in_drake))

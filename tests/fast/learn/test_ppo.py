@@ -59,7 +59,7 @@ def filled(
     learner.rollout.cut.copy_(seen(craft, count, seed=2))
     last = seen(craft, count, seed=3)
     learner.engine.observe = lambda: last.double()  # type: ignore[method-assign]
-    policy = sb3_policy(network.architecture, network.weights(), own=True)
+    policy = sb3_policy(network.architecture, network.weights())
     with torch.no_grad():
         log_prob = policy.evaluate_actions(
             kept.observation.flatten(0, 1), kept.action.flatten(0, 1)

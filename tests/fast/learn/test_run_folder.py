@@ -106,9 +106,9 @@ def test_a_checkpoint_is_whole_or_the_one_before(run, monkeypatch):
 def test_who_trains_on_removes_drafts_of_a_killed_training(run):
     """However young they are, but none of a process that lives, and no other file."""
     dead = 2**22 + 1  # above the largest number of a process on Linux
-    left = run.path / f".{dead}.a4e4db52.policy.zip"
+    left = run.path / f".{dead}.a4e4db52.agent.safetensors"
     kept = [
-        run.path / f".{os.getppid()}.a4e4db52.policy.zip",
+        run.path / f".{os.getppid()}.a4e4db52.agent.safetensors",
         run.path / f".{dead}.a4e4db52.evaluation.json",
     ]
     for file in (left, *kept):
