@@ -204,10 +204,10 @@ def compare(
             switching mpc optimal, for landings optimal, for inspections circumnavigation optimal.
         conditions: see `evaluate`.
         episodes: number of starts; by default 16, of a full comparison 128, and no fewer than those with bounds.
-        certified: starts whose bounds are certified, if optimal joins. By default 1, of a full comparison 4; if
-            named, or of a full comparison, the least impulse has six times in place of one. Each takes half a
-            minute of processor time in the plane, minutes in space with its package, else hull and tube bounds
-            (docs/bounds/certificate.md).
+        certified: starts whose bounds are certified, if optimal joins, which at 0 it does only by name. By default
+            1, of a full comparison 4; if named, or of a full comparison, the least impulse has six times in place
+            of one. Each takes half a minute of processor time in the plane, minutes in space with its package,
+            else hull and tube bounds (docs/bounds/certificate.md).
         seed: see `evaluate`.
         engine: see `evaluate`.
         guard: see `evaluate`.
@@ -263,7 +263,8 @@ def compare(
     folder = None if output is None else ready_folder(Path(output))
     cache = None if folder is None else inside(folder, "compare-bounds.json")
 
-    opponents = ready_opponents(contest.task, beside)
+    able = ready_opponents(contest.task, beside)
+    opponents = [name for name in able if bounded or beside or name != "optimal"]
     asked = beside is not None
     fly = partial(
         result.fly, certified=bounded, cache=cache, workers=workers, returns=full, asked=asked

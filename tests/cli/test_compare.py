@@ -129,7 +129,6 @@ def test_an_interrupt_of_the_page_leaves_the_data(monkeypatch, tmp_path, ran):
         ({"certified": 0}, (16, 0)),
         ({"certified": 256}, (256, 256)),
         ({"full": True, "episodes": 8}, (8, 4)),
-        ({"episodes": 8, "certified": 2}, (8, 2)),
     ],
 )
 def test_a_comparison_is_small_unless_it_is_asked_to_be_full(options, starts):

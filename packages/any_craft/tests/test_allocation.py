@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from rans_any_craft.allocated import CONTINUOUS, ON_OFF, SHUT, WHEEL, choice
-from rans_any_craft.allocation import PRICE, shares
+from rans_any_craft.allocated import CONTINUOUS, ON_OFF, SHUT, WHEEL, choice, slopes_of
+from rans_any_craft.allocation import PRICE, continuous_price, shares
 from rans_any_craft.backbone import ALLOCATED
-from rans_any_craft.twists import authority_margin, balanced
+from rans_any_craft.twists import balanced
 from scipy.optimize import minimize
 
 from rans.policy.program import Program
@@ -57,22 +57,29 @@ def test_more_thrusters_than_an_integer_has_bits():
     np.testing.assert_array_equal(opened.sum(axis=0), np.ones(200))  # each alone, and none
 
 
-def test_thrust_costs_less_where_thrusters_push_against_each_other():
-    """The price is that of the layout times the square of its margin, where this is below 1."""
-    ratios = []
-    for seed in range(20):
-        columns = drawn(seed)
-        chosen = choice(tuple((*map(float, column), ON_OFF) for column in columns))
-        assert chosen is not None
-        # A linear function's offset is less the squared twist, and less the price of the subset's thrust.
-        thrust = chosen.opened @ np.hypot(columns[:, 0], columns[:, 1])
-        paid = -chosen.offset - np.square(chosen.twist).sum(axis=1)
-        (price,) = {round(float(x), 9) for x in paid[thrust > 0.0] / thrust[thrust > 0.0]}
-        ratios.append((authority_margin(columns), price / PRICE))
-    assert min(ratios)[0] < 0.5
-    assert max(ratios)[0] > 1.2
-    for margin, ratio in ratios:
-        assert ratio == pytest.approx(min(1.0, margin**2), abs=1e-6)
+@pytest.mark.parametrize(
+    ("size", "copies", "price", "continuous"),
+    [
+        (3, 1, 0.1 * 4 / 9, 0.1),
+        (3, 2, 0.1, 0.1),
+        (6, 1, 0.13 * 0.36, 0.2 * 0.36),
+        (6, 2, 0.13, 0.2),
+    ],
+)
+def test_thrust_costs_less_where_thrusters_push_against_each_other(size, copies, price, continuous):
+    """Half of the force along x is 2/3 of the mean force in the plane, 0.6 in space; its square is a factor."""
+    ways = np.diag([0.5, *[1.0] * (size - 1)])
+    columns = np.vstack([ways, -ways] * copies)
+    chosen = choice(tuple((*column, ON_OFF) for column in columns.tolist()))
+    assert chosen is not None
+    # A linear function's offset is less the squared twist, and less the price of the subset's thrust.
+    paid = -chosen.offset - np.square(chosen.twist).sum(axis=1)
+    forces = np.linalg.norm(columns[:, : (size + 1) // 2], axis=1)
+    np.testing.assert_allclose(paid, price * (chosen.opened @ forces), atol=1e-9)
+    # Far away it is three times as high.
+    np.testing.assert_allclose(slopes_of(chosen, False, 3.0)[-1], -2.0 * paid, atol=1e-9)
+    prices = continuous_price(columns, False), continuous_price(columns, True)
+    assert prices == pytest.approx((continuous, 0.1))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -123,9 +130,10 @@ def test_wheels_turn_the_craft_by_what_thrusters_leave_of_a_demand():
     *opened, wheel = commanded(ON_OFF, [1.0, 0.0, 0.5])
     assert [x > 0.0 for x in opened] == [True, False, False, False]
     assert wheel == pytest.approx(0.65, abs=0.02)
-    *parts, wheel = commanded(CONTINUOUS, [0.9, -0.4, 0.5])
-    assert parts == pytest.approx([0.9, 0.0, 0.0, 0.4], abs=0.15)
-    assert wheel == pytest.approx(0.65, abs=0.05)
+    # Opened it leaves less from half of its velocity on, and it costs 0.1.
+    assert commanded(ON_OFF, [0.52, 0.0, 0.0])[0] == 0.0
+    *parts, _ = commanded(CONTINUOUS, [0.9, -0.4, 0.5])
+    assert parts == pytest.approx([0.85, 0.0, 0.0, 0.35], abs=0.02)
     # One that is lost is left shut.
     assert commanded(CONTINUOUS, [0.9, -0.4, 0.5], [1.0, 0.0, 0.0, 0.0])[:4] == pytest.approx(
         [0.0, 0.0, 0.0, 0.4], abs=0.15

@@ -19,7 +19,6 @@ from rans.errors import ConfigError, RansError, counted, where_raised
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.bounds import Bound, Event, certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
-from rans.evaluation.fly.controllers import default_opponents
 from rans.evaluation.problems import bounding
 from rans.files import first_line
 from rans.progress import Progress, Stages, unseen_stages
@@ -182,9 +181,8 @@ class Comparison(NotebookRepr):
             beaten.update(starts[entry.amounts(event)[starts] < lower - 1e-9].tolist())
         return sorted(beaten)
 
-    def quick_and_slow(self, opponents: Sequence[str] | None) -> tuple[list[str], list[str]]:
+    def quick_and_slow(self, names: list[str]) -> tuple[list[str], list[str]]:
         """Opponents that answer in seconds, which fly first, and the slow ones after them; see `fly`."""
-        names = [*(default_opponents(self.contest.task) if opponents is None else opponents)]
         slow = next((k for k, name in enumerate(names) if name in _SLOW), len(names))
         return names[:slow], names[slow:]
 
@@ -202,7 +200,7 @@ class Comparison(NotebookRepr):
     def fly(
         self,
         contestants: Mapping[str, Contestant],
-        opponents: Sequence[str] | None = None,
+        opponents: Sequence[str],
         certified: int = 4,
         cache: Path | None = None,
         stages: Stages = unseen_stages,
@@ -216,7 +214,7 @@ class Comparison(NotebookRepr):
 
         Args:
             contestants: see `rans.evaluation.compare.entrants.enlisted`; the contest is the setup of the first.
-            opponents: names of controllers, and "optimal"; None: those of `default_opponents`.
+            opponents: names of controllers, and "optimal".
             certified: number of starts whose bounds are certified.
             cache: JSON file that keeps bounds.
             stages: reports progress.
@@ -224,8 +222,6 @@ class Comparison(NotebookRepr):
             returns: whether the optima of the task's return are computed too, which take longer than all others.
             asked: whether somebody has named the opponents, so that one that cannot fly is a failure.
         """
-        if opponents is None:
-            opponents = default_opponents(self.contest.task)
 
         def noted(name: str, total: int | None, /) -> Progress:
             self.stage = name

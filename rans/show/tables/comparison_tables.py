@@ -271,7 +271,9 @@ def verdict(comparison: Comparison) -> list[str]:
         is_same = other.name.partition("#")[0] == best.name.partition("#")[0]
         if not is_same and signs[best.name, other.name] == (0, -1):
             ratio = best.thrust.mean() / other.thrust.mean()
-            relations.append(f"as quick as {other.name} at {ratio:.2f} of its impulse")
+            relations.append(
+                f"not significantly slower than {other.name}, at {ratio:.2f} of its impulse"
+            )
     text = "; ".join(relations) or "nobody is shown to be quicker and cheaper (95 %)"
     # Who is quicker, and who is cheaper, if time or impulse alone counts.
     ends = {

@@ -1,13 +1,13 @@
 """Flights against Basilisk's, of which basilisk.json has the states."""
 
+from dataclasses import replace
+
 import pytest
 from rans_missions.judges.basilisk import Case, cases, rows
 
-CASES = [pytest.param(name, marks=[pytest.mark.slow] * (name != "thrusters")) for name in cases()]
-"""What else flies there flies beside SciPy or Drake in the default run."""
 
-
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.slow
+@pytest.mark.parametrize("name", cases())
 def test_a_flight_is_that_of_basilisk(name):
     one = cases()[name]
     (row,) = rows({name: one})
@@ -16,9 +16,10 @@ def test_a_flight_is_that_of_basilisk(name):
     assert one.craft.further_effectors or all(check.value < 1e-10 for check in row.checks)
 
 
-def test_commands_in_another_order_are_another_flight(monkeypatch):
-    one = cases()["thrusters"]
-    commands = one.commands()[::-1]
-    monkeypatch.setattr(Case, "commands", lambda case: commands)
-    (row,) = rows({"thrusters": one})
-    assert not row.passed
+def test_the_first_periods_of_a_craft_of_unequal_inertia(monkeypatch):
+    """With equal moments of inertia nobody would see an error of gyroscopic torques."""
+    one = cases()["tank"]
+    commands = one.commands()
+    monkeypatch.setattr(Case, "commands", lambda case: commands[: case.steps])
+    (row,) = rows({"tank": replace(one, steps=10)})
+    assert all(check.value < 1e-10 for check in row.checks)
