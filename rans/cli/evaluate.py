@@ -5,12 +5,10 @@ from __future__ import annotations
 import shlex
 from collections.abc import Callable
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any
 
 from rans.api.judging import evaluate, flown, own_endpoints
-from rans.choices import EngineName
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
 from rans.cli.options import Trust
@@ -41,14 +39,13 @@ FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
 folder, whose result says what they are; empty: there are none of such a flight."""
 
 
-@command_of(evaluate, agent=word("RUN"), engine=Literal["fast", "drake", "both"])
+@command_of(evaluate, agent=word("RUN"))
 class Evaluate(Options):
     """Fly an agent from fixed starts, and print metrics with 95 % intervals.
 
     Writes evaluation.json and .html, episodes.npz, evaluation.svg and episode.svg into the run folder, or for
     other contestants into runs/evaluations/. With a protocol the names end in it, such as evaluation-paper.json;
-    under your own conditions, in a digest of these. --engine both flies in both engines, and exits with 1 if they
-    disagree.
+    under your own conditions, in a digest of these.
     """
 
     group = "Judge"
@@ -82,11 +79,12 @@ class Evaluate(Options):
                 f"rans evaluate stores every flight, of {_KEPT:,} at most, got {self.episodes:,}: "
                 "rans assure judges more while they fly."
             )
-        passed = [replace(self, agent=name).judge() for name in judged_separately(self.agent)]
-        return 0 if all(passed) else 1
+        for name in judged_separately(self.agent):
+            replace(self, agent=name).judge()
+        return 0
 
-    def judge(self) -> bool:
-        """Evaluate the parsed agent on one task; returns whether the engines agree, if both are compared."""
+    def judge(self) -> None:
+        """Evaluate the parsed agent on one task."""
         from rans.api.names import conditions_if_named
         from rans.evaluation.fly.contestants import contestant
 
@@ -98,61 +96,47 @@ class Evaluate(Options):
         ready_folder(self.agent.output_folder)
         file = self._file(run)
         own = own_endpoints(self.start, self.goal, self.zones)
-        engines: tuple[EngineName, ...] = get_args(EngineName)
-        # Flights by the engine that computed them, "fast" first; after an interrupt those that have ended.
-        flights: dict[str, Flight] = {}
-        passed = True
+        # After an interrupt the flights that have ended.
+        flights: list[Flight] = []
 
         def end() -> None:
-            nonlocal passed
             if flights:
-                passed = self._show(file, run, flights)
+                self._show(file, run, flights[-1])
 
         with writing_at_end(end, file):
-            for engine in engines:
-                if self.engine in (engine, "both"):
-                    save = partial(flights.__setitem__, engine)
-                    flights[engine] = flown(
-                        run, self.episodes, self.seed, engine, endpoints=own, save=save
-                    )
-        return passed
+            flights.append(
+                flown(
+                    run, self.episodes, self.seed, self.engine, endpoints=own, save=flights.append
+                )
+            )
 
-    def _show(self, file: Path, run: LoadedRun, flights: dict[str, Flight]) -> bool:
-        """Measure, print and write flights from the same starts; returns whether two engines agree."""
+    def _show(self, file: Path, run: LoadedRun, flight: Flight) -> None:
+        """Measure, print and write flights."""
         from rans.evaluation.fly.evidence import about
         from rans.evaluation.measure.aggregate import ROOM, measure, save_episodes
         from rans.show.pages.report import evaluation_page
 
-        measured = {name: measure(flight) for name, flight in flights.items()}
+        metrics = measure(flight)
         console = Terminal(room=ROOM)
         if run.conditions is not None:
             console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
-        for metrics in measured.values():
-            console.table(metrics.table(console.width, self.full))
-        results: dict[str, Any] = {name: metrics.to_json() for name, metrics in measured.items()}
-        passed = True
-        # Engines are compared if both flew all episodes; an interrupt may have left one fewer.
-        if len({flight.commands.shape[1] for flight in flights.values()}) < len(flights):
-            from rans.evaluation.measure.agreement import compare_engines
-
-            comparison = compare_engines(flights["fast"], flights["drake"])
-            console.table(comparison.table())
-            results["both"] = comparison.to_json()
-            passed = comparison.passed
-        solved = next(iter(measured.values()))["solved"].value
+        console.table(metrics.table(console.width, self.full))
+        results: dict[str, Any] = {self.engine: metrics.to_json()}
         if text := self.agent.shortfall(
-            solved, run, self.conditions, self.changed("guard", "protocol", "period")
+            metrics["solved"].value,
+            run,
+            self.conditions,
+            self.changed("guard", "protocol", "period"),
         ):
             Terminal().say(text)
         # Numbers first, then page, flights and figures beside them.
-        flight = next(iter(flights.values()))
         suffix = file.stem.removeprefix("evaluation")
         results["conditions"] = self._conditions(run, flight.commands.shape[1])
         results["about"] = about(str(self.agent), run.judged, "rans.evaluate")
         beside = [f"episodes{suffix}.npz", f"episode{suffix}.svg"]
         write_json(file, results, beside + [f"{name}{suffix}" for name in FLIGHT_FILES])
         save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
-        page = evaluation_page([*measured.values()], flight, command_line())
+        page = evaluation_page([metrics], flight, command_line())
         page.write(inside(file.parent, f"evaluation{suffix}.html"))
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
@@ -165,7 +149,6 @@ class Evaluate(Options):
             if what := FLIGHT_FILES[name](flight, to):
                 written += f", and {what} to {to}"
         Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
-        return passed
 
     def _file(self, run: LoadedRun) -> Path:
         """File of the results, whose name has every option that changes figures; ConfigError if it is a link."""

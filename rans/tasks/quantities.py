@@ -32,9 +32,6 @@ class Quantity:
     """Texts of the threshold, half of it and 7.5 times it, with units."""
     held: tuple[int, ...] = ()
     """Bounds of three grades of keeping a goal, in the display unit."""
-    engine_difference: float = math.inf
-    """Largest difference of median final errors at which two engines agree, SI: a fiftieth of the tolerances of
-    tasks, or a tenth for the share of unseen points."""
 
     @property
     def display(self) -> tuple[float, str]:
@@ -72,7 +69,6 @@ declare(
         threshold=0.02,
         threshold_texts=("2 cm", "1 cm", "15 cm"),
         held=(5, 2, 1),
-        engine_difference=1e-3,
     )
 )
 declare(
@@ -85,7 +81,6 @@ declare(
         threshold=0.087,
         threshold_texts=("5 deg", "2.5 deg", "37 deg"),
         held=(3, 2, 1),
-        engine_difference=math.radians(0.1),
     )
 )
 declare(
@@ -98,7 +93,6 @@ declare(
         threshold=0.15,
         threshold_texts=("15 cm/s", "7.5 cm/s", "113 cm/s"),
         held=(10, 5, 2),
-        engine_difference=1e-3,
     )
 )
 declare(
@@ -111,6 +105,5 @@ declare(
         threshold=0.3,
         threshold_texts=("0.3 rad/s", "0.15 rad/s", "2.25 rad/s"),
         held=(20, 10, 5),
-        engine_difference=math.radians(0.1),
     )
 )

@@ -185,8 +185,8 @@ def test_next_commands_have_the_options_of_the_comparison():
         for line in next_of(asked):
             assert {"--guard", "lab", "--trust"} <= {*line.split()}
             _parse(shlex.split(line)[1:])
-    both = Evaluate(ContestantName.parse("lqr:go-to-pose-2d"), engine="both", full=True)
-    assert [*both.following()] == [
+    full = Evaluate(ContestantName.parse("lqr:go-to-pose-2d"), full=True)
+    assert [*full.following()] == [
         "rans compare lqr:go-to-pose-2d",
         "rans view lqr:go-to-pose-2d",
     ]

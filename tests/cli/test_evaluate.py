@@ -10,7 +10,6 @@ import pytest
 
 from rans import MultiTask
 from rans.cli import main
-from rans.cli.evaluate import Evaluate
 from rans.evaluation.fly import episodes
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
@@ -50,7 +49,7 @@ def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, here, ran):
         return flies(self, seed, first, count)
 
     monkeypatch.setattr(episodes._Flyer, "fly", fly)
-    text = ran("evaluate lqr:go-to-pose-2d --engine both --episodes 3", code=130)
+    text = ran("evaluate lqr:go-to-pose-2d --episodes 3", code=130)
     assert "LQR: 2 episodes" in text
     written = here / "runs/evaluations/lqr-go-to-pose-2d/evaluation.json"
     assert json.loads(written.read_text())["conditions"]["episodes"] == 3
@@ -129,15 +128,6 @@ def test_the_seed_decides(run_folder):
         written = json.loads((run_folder / "evaluation.json").read_text())
         results.append(written["fast"])
     assert results[0] != results[1]
-
-
-def test_one_task_on_which_the_engines_disagree_is_enough(monkeypatch):
-    answers = iter([False, True])
-    monkeypatch.setattr(
-        "rans.evaluation.fly.contestants.judged_separately", lambda _: ["run#a", "run#b"]
-    )
-    monkeypatch.setattr(Evaluate, "judge", lambda command: next(answers))
-    assert Evaluate("run", engine="both").run() == 1
 
 
 @pytest.mark.slow

@@ -12,7 +12,6 @@ import pytest
 import validation.study.study
 from rans.cli import main
 from rans.cli import train as training
-from rans.evaluation.measure.agreement import EngineComparison
 from rans.model.spacecraft_file import load_spacecraft
 from validation.study.checks import Check, Skipped, Study
 
@@ -58,21 +57,6 @@ def test_validate_says_what_failed_and_where(monkeypatch, ran):
     assert "1 of 2 checks passed in 1.5 s." in printed
     monkeypatch.setattr(validation.study.study, "study", lambda *_: study_of(good))
     assert "1 of 1 checks passed in 1.5 s." in ran("validate")
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("here", "undrawn")
-def test_engines_that_disagree_end_with_code_1(monkeypatch):
-    table = EngineComparison("title", (), 1.0).table
-    disagree = SimpleNamespace(passed=False, table=table, to_json=dict)
-    monkeypatch.setattr("rans.evaluation.measure.agreement.compare_engines", lambda *_: disagree)
-    arguments = ["evaluate", "lqr:go-to-pose-2d", "--episodes", "1", "--engine", "both"]
-    assert main(arguments) == 1
-    monkeypatch.setattr(
-        "rans.evaluation.measure.agreement.compare_engines",
-        lambda *_: EngineComparison("title", (), 1.0),
-    )
-    assert main(arguments) == 0
 
 
 def test_notes_of_a_comparison_are_printed(tmp_path, capsys, monkeypatch):

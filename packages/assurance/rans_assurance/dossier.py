@@ -91,10 +91,10 @@ SOURCES = (
         ),
     ),
     Source(
-        "evaluation.json",
-        "rans evaluate {agent} --engine both --episodes 64",
+        "evaluation-drake.json",
+        "rans evaluate {agent} --engine drake --episodes 64",
         "agent",
-        (("evidence", "flights in both engines, and their agreement"),),
+        (("evidence", "flights in Drake"),),
     ),
     Source(
         "validation.json",

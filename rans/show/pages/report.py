@@ -293,17 +293,6 @@ def _key_metrics(measured: Metrics) -> Iterator[Fact]:
     yield Fact(f"episodes, {engine}", f"{measured.episodes:,}")
 
 
-def _agreement(both: Mapping[str, Any]) -> Iterator[Fact]:
-    """How far both engines differ over the same starts, each against what its error bar allows."""
-    for pair in both.get("pairs", ()):
-        allowed = pair["bound"]
-        note = "" if allowed is None else f"{allowed[0]:+.2g} to {allowed[1]:+.2g} allowed"
-        value = f"{pair['difference']:+.2g} {pair['unit']}"
-        yield Fact(f"Drake less fast, {pair['name']}", value, passed=pair["passed"], note=note)
-    if "same_commands" in both:
-        yield Fact("control periods in which both open the same", f"{both['same_commands']:.2%}")
-
-
 def comparison_section(comparison: Mapping[str, Any]) -> Section:
     """Contestants (see `rans.show.tables.comparison_tables.outcome`), a line each; compare.html has the rest."""
     rows = [(str(row["contestant"]), _outcome(row)) for row in comparison.get("summary", [])]
@@ -367,14 +356,12 @@ def _evaluation(file: Path, evaluation: Any) -> Section:
         if picture.is_file():
             pictures.append(_kept_picture(picture, caption))
     section = evaluation_section([*_find_metrics(evaluation)], pictures)
-    agreement = _agreement(evaluation.get("both", {}))
     page = inside(file.parent, f"{file.stem}.html")
     link = page.name if page.is_file() else ""
     return replace(
         section,
         title=file.stem.replace("-", " ").capitalize(),
         link=link,
-        facts=[*section.facts, *agreement],
     )
 
 

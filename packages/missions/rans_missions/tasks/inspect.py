@@ -52,7 +52,6 @@ declare(
         threshold=0.05,
         threshold_texts=("5 %", "2.5 %", "38 %"),
         held=(20, 10, 5),
-        engine_difference=0.005,
     )
 )
 
