@@ -111,11 +111,11 @@ def _as_html(value: Any) -> str:
     return html_of(value)
 
 
-def _as_figure(flight: Any, episode: int, zones: Any) -> Any:
+def _as_figure(flight: Any, episode: int) -> Any:
     """Figure of an episode of a flight; matplotlib is imported at the first call."""
     from rans.show.figures.figures import episode_figure
 
-    return episode_figure(flight, episode, zones)
+    return episode_figure(flight, episode)
 
 
 display.html_renderer = _as_html

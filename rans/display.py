@@ -13,14 +13,14 @@ html_renderer: Callable[[Any], str] = repr
 """Function that returns the HTML of a value. The import of `rans` sets it, as the renderer is in a higher layer."""
 
 
-figure_maker: Callable[[Any, int, Any], Any] | None = None
+figure_maker: Callable[[Any, int], Any] | None = None
 """Function that draws an episode of a flight as a figure of matplotlib; set as `html_renderer`."""
 
 
-def figure_of(flight: Any, episode: int, zones: Any) -> Any:
-    """Figure of an episode of a flight, with balls."""
+def figure_of(flight: Any, episode: int) -> Any:
+    """Figure of an episode of a flight."""
     assert figure_maker is not None
-    return figure_maker(flight, episode, zones)
+    return figure_maker(flight, episode)
 
 
 class NotebookRepr:

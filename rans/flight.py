@@ -11,7 +11,7 @@ import math
 import random
 import warnings
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -208,16 +208,14 @@ class Flight(NotebookRepr):
         """Errors of the task at every instant by quantity, (T + 1, N), SI units."""
         return self.task.errors(self.states, self.goals)
 
-    def plot(self, episode: int = 0, zones: Sequence[Sequence[float]] = ()) -> Any:
+    def plot(self, episode: int = 0) -> Any:
         """A figure of matplotlib of one episode: path, errors with tolerances, and when each thruster was open.
-
-        Zones are balls to draw: the coordinates of the centre in W, then the radius, m.
 
         Raises:
             ConfigError: there is no such episode.
         """
         self._check_episode(episode)
-        return figure_of(self, episode, zones)
+        return figure_of(self, episode)
 
     def _check_episode(self, episode: int) -> None:
         count = self.commands.shape[1]

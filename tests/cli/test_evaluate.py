@@ -49,10 +49,10 @@ def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, here, ran):
         return flies(self, seed, first, count)
 
     monkeypatch.setattr(episodes._Flyer, "fly", fly)
-    text = ran("evaluate lqr:go-to-pose-2d --episodes 3", code=130)
+    text = ran("evaluate lqr:go-to-pose-2d --engine drake --episodes 3", code=130)
     assert "LQR: 2 episodes" in text
-    written = here / "runs/evaluations/lqr-go-to-pose-2d/evaluation.json"
-    assert json.loads(written.read_text())["conditions"]["episodes"] == 3
+    written = here / "runs/evaluations/lqr-go-to-pose-2d/evaluation-drake.json"
+    assert json.loads(written.read_text())["conditions"]["episodes"] == 2
 
 
 def test_flights_too_many_to_keep_are_refused(ran):

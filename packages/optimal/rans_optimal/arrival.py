@@ -10,7 +10,6 @@ import numpy as np
 
 from rans.extend import ConfigError, Field, State, Task, aims, first_line, leaves, map_leaves
 from rans_optimal.checks import check_goal
-from rans_optimal.limits import PathLimits
 from rans_optimal.solver import ca
 
 Ending = Literal["exact", "set", "free"]
@@ -50,10 +49,8 @@ def goal_motion(task: Task, like: State) -> ca.Function:
     return ca.Function("later", [ca.vertcat(*leaves(goal)), time], [fields])
 
 
-def path_margins(
-    task: Task, state: State, goal: State, limits: PathLimits | None = None
-) -> ca.Function | None:
-    """Margins of the task's constraints and of further limits: columns of a state's and a goal's fields to them.
+def path_margins(task: Task, state: State, goal: State) -> ca.Function | None:
+    """Margins of the task's constraints: columns of a state's and a goal's fields to them.
 
     They are rounded as `rounded` says, so that distances have gradients; kept above `LEAST_MARGIN`, which
     makes up for that, the margins themselves are not negative. None: there are no constraints.
@@ -62,8 +59,6 @@ def path_margins(
         map_leaves(lambda _: ca.SX.sym("s"), example) for example in (state, goal)
     ]
     margins = [*task.constraints(*symbols).values()]
-    if limits is not None:
-        margins += limits.margins(symbols[0]).values()
     if not margins:
         return None
     columns = [ca.vertcat(*leaves(symbol)) for symbol in symbols]

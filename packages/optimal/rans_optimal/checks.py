@@ -1,9 +1,14 @@
-"""Craft and tasks that optimal trajectories are computed for; all others are refused with a sentence."""
+"""Objectives, craft and tasks of optimal trajectories; all others are refused with a sentence."""
 
 from __future__ import annotations
 
+from typing import Literal
+
 from rans.extend import ConfigError, Spacecraft, Task, aims, counted
 from rans.optimal.control.allocation import check_aims
+
+ObjectiveName = Literal["fuel", "time", "energy", "reward"]
+"""What an optimal trajectory minimizes, see `rans_optimal.objectives`."""
 
 
 def check_craft(craft: Spacecraft) -> None:

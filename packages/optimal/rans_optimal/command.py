@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import tyro
+from typing import TYPE_CHECKING, Any
 
 from rans.extend import (
     EVALUATION_SEED,
@@ -23,7 +21,6 @@ from rans.extend import (
     Spacecraft,
     Task,
     Terminal,
-    brief,
     certificates,
     command_of,
     distinct,
@@ -38,7 +35,6 @@ from rans.model.spacecraft_file import spacecraft_label
 from rans_optimal.functions import optimal_trajectory, setup_of, starts_of
 
 if TYPE_CHECKING:
-    from rans_optimal.limits import PathLimits
     from rans_optimal.optima import Optimum
 
 _CONTROL_PERIOD, _INTERVALS = (
@@ -51,7 +47,7 @@ _REPLAYED = 8
 
 @command_of(
     optimal_trajectory,
-    without=("seed", "control_period", "intervals", "guesses", "most_speed", "most_spin"),
+    without=("seed", "control_period", "intervals", "guesses"),
     defaults={"task": inspect.Parameter.empty, "start": None},
     task=word("TASK"),
 )
@@ -79,8 +75,6 @@ class Optimal(Options):
 
     episodes: int = 16
     """Number of starts."""
-    limits: Annotated[str, tyro.conf.arg(metavar="speed=M/S,spin=RAD/S")] = ""
-    """Largest speed and angular speed of the trajectory; either may be left out."""
     certify: bool = False
     """Also compute what no controller can beat: certified for on/off thrusters where that is possible, else for
     thrusters of any kind and wheels. Craft without optimal trajectories, as with wheels, have bounds only."""
@@ -103,12 +97,11 @@ class Optimal(Options):
         problem = Problem.of(task)
         if problem is not None and problem.solve is not None:
             return problem.solve(self, craft, task)
-        # Objective, starts, limits and initial guesses.
+        # Objective and starts.
         if self.start and self.episodes != Optimal.episodes:
             raise ConfigError("--episodes is for starts of a seed, and --start is one.")
         objective = objective_of(self.objective, self.horizon, _CONTROL_PERIOD, ending, _INTERVALS)
         starts = self.sampled_starts(task, craft)
-        limits = self._limits()
         # Before anything is written: what would stop the trajectories or their bounds.
         check_task(craft, task)
         reason = ""
@@ -128,7 +121,6 @@ class Optimal(Options):
             "measure": objective.measure,
             "ending": objective.ending,
             "seed": None if self.start else EVALUATION_SEED,
-            "limits": None if limits is None else asdict(limits),
         }
         if reason:
             Terminal().say(f"Bounds only, without trajectories: {reason}")
@@ -137,9 +129,7 @@ class Optimal(Options):
         if not reason:
             answers = self.with_progress(
                 "optimal trajectories",
-                lambda step: optima(
-                    craft, task, objective, starts, None, progress=step, limits=limits
-                ),
+                lambda step: optima(craft, task, objective, starts, None, progress=step),
             )
             title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
             Terminal().table(optima_table(title, objective, answers))
@@ -158,7 +148,7 @@ class Optimal(Options):
             replay.save(folder / "optimal.html")
         if self.certify:
             # Bounds are for the goal set, so only trajectories that end in it are comparable.
-            is_same = objective.ending == "set" and limits is None
+            is_same = objective.ending == "set"
             costs = [a.trajectory.cost if is_same and a.good else math.nan for a in answers]
             period = _CONTROL_PERIOD
             event = Event(
@@ -218,35 +208,7 @@ class Optimal(Options):
         name = f"optimal-{distinct(self.task)}-{spacecraft_label(craft)}-{what}"
         return ready_folder(self.output or Path("runs") / name)
 
-    def _limits(self) -> PathLimits | None:
-        """Path constraints of the options besides those of the task; None if there are none."""
-        from rans_optimal.limits import PathLimits, balls_of
-
-        limits = _named_numbers(self.limits, ("speed", "spin"), "--limits")
-        result = PathLimits(limits.get("speed"), limits.get("spin"), balls_of(self.zones))
-        return None if result == PathLimits() else result
-
     def with_progress(self, what: str, work: Callable[[Progress], Any]) -> Any:
         """Do work that reports starts, with a bar of this title."""
         with progress() as bars:
             return work(stages(bars)(what, 1 if self.start else self.episodes))
-
-
-def _named_numbers(text: str, names: Sequence[str], option: str) -> dict[str, float]:
-    """Numbers by name of a text such as "speed=0.1,spin=0.2"; those that it leaves out are absent.
-
-    Raises:
-        ConfigError: a name is wrong or twice, or a value is no finite number.
-    """
-    values: dict[str, float] = {}
-    for part in filter(None, text.split(",")):
-        name, _, number = part.partition("=")
-        name = name.strip()
-        try:
-            value = float(number)
-        except ValueError:
-            value = math.nan
-        if name not in names or name in values or not math.isfinite(value):
-            raise ConfigError(f"{option} takes {'=..., '.join(names)}=..., got {brief(part)}.")
-        values[name] = value
-    return values

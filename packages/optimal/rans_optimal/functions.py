@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import fields
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
@@ -28,7 +27,7 @@ from rans.extend import (
     typed,
     whole,
 )
-from rans_optimal.limits import ObjectiveName, PathLimits, balls_of
+from rans_optimal.checks import ObjectiveName
 
 if TYPE_CHECKING:
     from rans_optimal.history import CertifiedBound, OptimalTrajectory
@@ -50,13 +49,10 @@ def optimal_trajectory(
     horizon: float | None = None,
     start: StateLike = 0,
     goal: State | None = None,
-    zones: Sequence[Sequence[float]] = (),
     seed: int = EVALUATION_SEED,
     control_period: float = 0.2,
     intervals: int = 50,
     guesses: int | None = None,
-    most_speed: float | None = None,
-    most_spin: float | None = None,
 ) -> OptimalTrajectory:
     """Compute an optimal trajectory from one start, with thrust between 0 and 1, and fly it in Drake.
 
@@ -67,8 +63,7 @@ def optimal_trajectory(
     >>> own.status, own.x[0, :3].round(6)
     ('solved', array([2., 1., 1.]))
 
-    A start is the number of a scenario of the seed, or a state as `state` makes it; so is a goal. Of zones the
-    coordinates of the centre in W come first, then the radius.
+    A start is the number of a scenario of the seed, or a state as `state` makes it; so is a goal.
 
     Args:
         task: task, see `rans list TASKS`.
@@ -82,15 +77,11 @@ def optimal_trajectory(
             on an orbit it is the deadline, by default the latest.
         start: your own start in place of a sampled one.
         goal: see `rans.api.judging.evaluate`.
-        zones: keep-out zones for the centre of mass, m.
         seed: random seed of the scenarios; the default has the starts that agents are evaluated on.
         control_period: time that a command is held, s; for "time" it is computed.
         intervals: number of control periods, for "time".
         guesses: number of initial guesses; the best solution counts, and ``trajectory.agreeing`` says how many
-            led to it. None: 1; 3 for "time" in space, for tasks that leave the attitude free (in space 5) or with
-            ``zones``.
-        most_speed: largest speed of the trajectory, m/s.
-        most_spin: largest angular speed of the trajectory, rad/s.
+            led to it. None: 1; 3 for "time" in space, for tasks that leave the attitude free (in space 5).
 
     Raises:
         ConfigError: one of these does not exist, or they do not go together.
@@ -102,13 +93,9 @@ def optimal_trajectory(
     craft, judged = setup_of(task, spacecraft)
     objective_value = objective_of(objective, horizon, control_period, ending or "exact", intervals)
     scenario = _scenario(judged, craft, seed, start, goal)
-    balls = balls_of(zones)
-    # The user's limits beside those of the task.
-    limits = PathLimits(most_speed, most_spin, balls)
-    limits = None if limits == PathLimits() else limits
     tried = None if guesses is None else whole("guesses", guesses)
     # Solve from several guesses, and fly the best in Drake.
-    (optimum,) = optima(craft, judged, objective_value, scenario, tried, workers=1, limits=limits)
+    (optimum,) = optima(craft, judged, objective_value, scenario, tried, workers=1)
     number = _OWN if isinstance(start, State) else start
     return OptimalTrajectory(
         number,
@@ -116,7 +103,6 @@ def optimal_trajectory(
         optimum.replay_error,
         optimum.errors,
         optimum.flight,
-        keep_out=balls,
     )
 
 

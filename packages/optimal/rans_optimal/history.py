@@ -80,13 +80,6 @@ class OptimalTrajectory(Optimum, ControlHistory):
     ((21,), (21, 6), (20, 8))
     """
 
-    keep_out: tuple[tuple[float, ...], ...] = ()
-    """Balls that the trajectory keeps out of: the coordinates of the centre in W, then the radius, m."""
-
-    def plot(self) -> Any:
-        """As `ControlHistory.plot`, with the balls of ``keep_out`` around the goal at the end."""
-        return self.replay().plot(zones=self.keep_out)
-
     @property
     def period(self) -> float:
         """Time that a command is held, s."""

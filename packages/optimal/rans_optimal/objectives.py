@@ -19,7 +19,7 @@ from rans.extend import (
     whole,
 )
 from rans_optimal.arrival import Ending, rounded
-from rans_optimal.limits import ObjectiveName
+from rans_optimal.checks import ObjectiveName
 from rans_optimal.solver import ca
 
 

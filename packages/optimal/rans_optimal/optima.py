@@ -30,7 +30,6 @@ from rans.extend import (
     write_text,
 )
 from rans_optimal.checks import moves_goal
-from rans_optimal.limits import PathLimits
 from rans_optimal.objectives import Objective
 from rans_optimal.pool import solve_all
 from rans_optimal.transcription import START_IS_GOAL, Trajectory, usual_guesses
@@ -118,7 +117,6 @@ def optima(
     workers: int | None = None,
     progress: Progress = unseen,
     timing: Timing = _AS_PLANNED,
-    limits: PathLimits | None = None,
 ) -> list[Optimum]:
     """Optimise from every start and fly the trajectories in Drake; there is an answer for every start.
 
@@ -127,22 +125,14 @@ def optima(
         task: task.
         objective: objective to minimise.
         starts: starts, whose fields are arrays (N,).
-        guesses: see `rans_optimal.transcription.Transcription.solve`; None: the usual number, and
-            at least three with balls to keep out of.
+        guesses: see `rans_optimal.transcription.Transcription.solve`; None: the usual number.
         workers: see `rans_optimal.pool.solve_all`.
         progress: reports solved problems.
         timing: length of flights, see `episode`; by default that of their trajectories.
-        limits: limits of trajectories beside the task's own constraints.
-
-    Raises:
-        ConfigError: a start or a goal is inside a ball to keep out of.
     """
-    if limits is not None:
-        limits.check_ends(starts)
     if guesses is None:
-        around = limits is not None and len(limits.keep_out) > 0
-        guesses = max(usual_guesses(craft, task, objective), 3 if around else 1)
-    [trajectories] = solve_all(craft, task, [objective], starts, workers, progress, guesses, limits)
+        guesses = usual_guesses(craft, task, objective)
+    [trajectories] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
         if trajectory.solved

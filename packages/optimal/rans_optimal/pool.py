@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from rans.extend import Progress, Scenario, Spacecraft, Task, Workers, each, scenario, unseen
 from rans_optimal.arrival import Arrival, goal_motion
 from rans_optimal.checks import check_craft, check_task, moves_goal
-from rans_optimal.limits import PathLimits
 from rans_optimal.objectives import Objective
 from rans_optimal.transcription import Trajectory, Transcription, unsolved
 
@@ -20,7 +19,6 @@ def solve_all(
     workers: int | None = None,
     progress: Progress = unseen,
     guesses: int = 1,
-    limits: PathLimits | None = None,
 ) -> list[list[Trajectory]]:
     """Solve every objective from every start: per objective N trajectories in the order of the starts.
 
@@ -45,7 +43,7 @@ def solve_all(
     def lost(index: int, start: Scenario, guesses: int) -> Trajectory:
         return unsolved(objectives[index], craft, start.start, "Worker_Died")
 
-    pool = Workers(_transcriptions, (craft, task, objectives, limits), workers)
+    pool = Workers(_transcriptions, (craft, task, objectives), workers)
     answers: dict[int, Trajectory] = {}
     for number, trajectory in pool.finished(_solve, jobs, lost):
         answers[number] = trajectory
@@ -55,10 +53,10 @@ def solve_all(
 
 
 def _transcriptions(
-    craft: Spacecraft, task: Task, objectives: Sequence[Objective], limits: PathLimits | None
+    craft: Spacecraft, task: Task, objectives: Sequence[Objective]
 ) -> list[Transcription]:
     """One per objective."""
-    return [Transcription(craft, task, objective, limits) for objective in objectives]
+    return [Transcription(craft, task, objective) for objective in objectives]
 
 
 def _solve(

@@ -42,7 +42,6 @@ from rans_optimal.arrival import (
 )
 from rans_optimal.checks import check_craft, check_task, moves_goal
 from rans_optimal.guess import allocation_of, guess, needed_wrenches, transfer_time
-from rans_optimal.limits import PathLimits
 from rans_optimal.objectives import MinimumTime, Objective, SymbolicTrajectory
 from rans_optimal.solver import ca, solution_of
 
@@ -184,7 +183,7 @@ class Transcription:
 
     The trajectory starts in the given state and ends as the objective says, see `Arrival`, where the goal is
     then (`rans.tasks.base.Task.later`). The margins of the task's constraints are not negative at the instants
-    of every control period that its timing names (`Timing.checks`), nor those of further limits at theirs;
+    of every control period that its timing names (`Timing.checks`);
     between two of them nothing is asked. Where thrust is shared ("split") the commands' sum is kept within 1,
     where sharing is linear: any wrench the supply can give has such commands.
 
@@ -204,7 +203,6 @@ class Transcription:
         craft: Spacecraft,
         task: Task,
         objective: Objective,
-        limits: PathLimits | None = None,
     ) -> None:
         check_craft(craft)
         check_task(craft, task)
@@ -216,8 +214,8 @@ class Transcription:
         self._aims = aims(task)
         self._arrival = Arrival(task, example.goal, objective.ending)
         self._later = goal_motion(task, example.goal) if moves_goal(task) else None
-        self._margins = path_margins(task, example.start, example.goal, limits)
-        self._checks = max(task.timing.checks, 1 if limits is None else limits.checks)
+        self._margins = path_margins(task, example.start, example.goal)
+        self._checks = task.timing.checks
         self._wrenches = craft.wrenches.T
         self._step = _step(craft, example.start, task.drift)
         self._low, self._high = np.array(

@@ -3,7 +3,6 @@ from __future__ import annotations
 import csv
 import json
 
-import numpy as np
 import pytest
 from rans_bounds.problem import SearchEffort
 
@@ -116,9 +115,9 @@ def test_an_interrupt_keeps_the_bounds_that_are_finished(tmp_path, monkeypatch, 
 
 
 @pytest.mark.usefixtures("long_periods")
-def test_a_start_and_limits_of_ones_own(tmp_path):
-    """From 1 m away at 0.2 m/s at most; rows of the table are instants, with the start first."""
-    own = "--start -1 0 0.5rad --goal 0 0.5 0 --limits speed=0.2 --horizon 8"
+def test_a_start_of_ones_own(tmp_path):
+    """From 1 m away; rows of the table are instants, with the start first."""
+    own = "--start -1 0 0.5rad --goal 0 0.5 0 --horizon 8"
     assert run(f"go-to-pose {own} --output {tmp_path}") == 0
     with (tmp_path / "optimal.csv").open() as file:
         rows = list(csv.DictReader(file))
@@ -127,10 +126,7 @@ def test_a_start_and_limits_of_ones_own(tmp_path):
     assert [float(rows[-1][key]) for key in ("time", "p.x", "p.y")] == pytest.approx(
         [8.0, 0.0, 0.5], abs=1e-6
     )
-    assert max(np.hypot(float(row["v.x"]), float(row["v.y"])) for row in rows) <= 0.2 + 1e-6
     assert rows[-1]["command.7"] == ""
-    written = json.loads((tmp_path / "optimal.json").read_text())
-    assert written["limits"]["speed"] == 0.2
 
 
 @pytest.mark.slow

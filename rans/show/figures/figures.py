@@ -19,13 +19,13 @@ from rans.show.figures.svg import svg
 
 
 @styled
-def episode_figure(flight: Flight, episode: int = 0, zones: panels.Zones = ()) -> Figure:
+def episode_figure(flight: Flight, episode: int = 0) -> Figure:
     """One episode of the batch: its path with headings and zones, its errors, and when each thruster fired."""
     figure = Figure(figsize=(9.4, 4.6), layout="constrained")
     cells = figure.add_gridspec(1, 2, width_ratios=(1.0, 1.3))
     left = figure.add_subfigure(cells[0])
     right = figure.add_subfigure(cells[1])
-    panels.path(left, flight, episode, zones)
+    panels.path(left, flight, episode)
     stack = right.subplots(2, 1, sharex=True)
     panels.episode_errors(stack[0], flight, episode)
     panels.timeline(stack[1], flight, episode)

@@ -6,7 +6,7 @@ Panels get flights as `rans.flight.Flight` has them: (T + 1, N) states in SI uni
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import wraps
 from typing import Any, ParamSpec, TypeVar
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from rans.drawing import columns, outlines, rotations
 from rans.flight import Flight
-from rans.model.fields import Vec2, Vec3, map_leaves
+from rans.model.fields import map_leaves
 from rans.show.figures.plotting import (
     Axes,
     Figure,
@@ -68,9 +68,6 @@ STYLE: dict[Any, Any] = {
 PLAIN = FuncFormatter(lambda x, _: f"{x:g}")
 """Numbers along an axis: as they are."""
 
-Zones = Sequence[Sequence[float]]
-"""Balls that stand still: coordinates of the centre in W, then the radius, of each, m."""
-
 
 P = ParamSpec("P")
 R = TypeVar("R")
@@ -120,7 +117,7 @@ def from_goal(flight: Flight) -> list[np.ndarray]:
     return [np.asarray(x) for x in (flight.states.p - flight.goals.p).columns()]
 
 
-def path(figure: SubFigure, flight: Flight, episode: int, zones: Zones) -> None:
+def path(figure: SubFigure, flight: Flight, episode: int) -> None:
     """The way of one episode with the direction of the body's x axis once a second, and zones to keep out of."""
     path = [x[:, episode] for x in from_goal(flight)]
     every = max(1, round(1.0 / flight.timing.control_period))
@@ -135,7 +132,7 @@ def path(figure: SubFigure, flight: Flight, episode: int, zones: Zones) -> None:
     else:
         axes.quiver(*arrows, color=GREY, angles="xy", scale=14.0, width=0.005, zorder=3)
     axes.plot([], [], color=GREY, label="body's x axis, once a second")
-    _scenery(axes, flight, episode, zones)
+    _scenery(axes, flight, episode)
     axes.plot(*path, color=BLUE, zorder=2)
     axes.plot(*([x[0]] for x in path), "o", color=INK, label="start")
     if "position" in flight.errors():
@@ -145,16 +142,14 @@ def path(figure: SubFigure, flight: Flight, episode: int, zones: Zones) -> None:
     label(axes, f"(a) path of episode {flight.first + episode}", *_places(flight))
 
 
-def _scenery(axes: Any, flight: Flight, episode: int, zones: Zones) -> None:
-    """Zones and cones, also such that stand still, as seen from the goal: dotted as it begins, full as it ends."""
+def _scenery(axes: Any, flight: Flight, episode: int) -> None:
+    """Zones and cones as seen from the goal: dotted as it begins, full as it ends."""
     last = len(flight.times) - 1
     if flight.lengths is not None:
         last = int(flight.lengths[episode])
     dimension = len(flight.states.p.columns())
     reach = max(float(np.abs(x[:, episode]).max()) for x in from_goal(flight))
     labelled = set()
-    vector = Vec2 if dimension == 2 else Vec3
-    still = [Ball(vector(*p), vector(*p).scale(0.0), radius) for *p, radius in zones]
     for instant, line in ((0, ":"), (last, "-")):
 
         def now(x: Any, instant: int = instant) -> float:
@@ -162,7 +157,7 @@ def _scenery(axes: Any, flight: Flight, episode: int, zones: Zones) -> None:
 
         goal = map_leaves(now, flight.goals)
         origin = columns(goal.p)
-        for shape in (*flight.task.scenery(goal), *still):
+        for shape in flight.task.scenery(goal):
             keep_out = isinstance(shape, Ball)
             name = f"{'keep-out zone' if keep_out else 'approach cone'}, dotted at first"
             for outline in outlines(shape, reach):
