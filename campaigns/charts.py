@@ -183,6 +183,28 @@ def multiples() -> Figure:
 
 
 @styled
+def value() -> Figure:
+    """Time and impulse until arrival of value functions and of others: both tables of the page."""
+    page = read_text(_DOCS / "value" / "value.md")
+    cells = r"^\| (time|impulse until then), .* ?s \|(.*)\|$"
+    own = [row.split("|") for _, row in re.findall(cells, page, re.MULTILINE)]
+    ways = {"value function, 0 to 1": [*zip(*own, strict=True)]}
+    for name, flights in re.findall(r"^\| ([^|]+) \| (\d[\d.]+; [^|]+) \|$", page, re.MULTILINE):
+        ways[name] = [flight.split("; ") for flight in flights.split(", ")]
+    figure, axes = _alone(6.4, 3.8)
+    for k, (name, flights) in enumerate(ways.items()):
+        colour, marker = series_style(k)
+        times, impulses = np.array(flights, dtype=float).T
+        axes.plot(times, impulses, marker=marker, color=colour, markersize=5, label=name)
+    (least,) = re.findall(r"certified least time is ([\d.]+) s", page)
+    axes.axvspan(4.5, float(least), color=GREY, alpha=0.25, label="certified: impossible")
+    axes.set(xlim=(4.5, 15.0), xlabel="mean time until first in the goal set, s")
+    axes.set(ylabel="mean impulse until then, N s")
+    axes.legend(loc="upper right")
+    return figure
+
+
+@styled
 def error_sources() -> Figure:
     """Impulse that each error adds, in the mean and of 99.7 % of the flights."""
     rows = _record("error-sources")["rows"]
@@ -215,6 +237,7 @@ CHARTS: dict[str, Callable[[], Figure]] = {
         multiples,
         perturbations,
         slosh,
+        value,
     )
 }
 """Functions of figures by the names of their files."""

@@ -173,13 +173,18 @@ class Missions:
             yield from self._without_training()
 
     def _without_training(self) -> Iterator[dict[str, Any]]:
-        """Controllers that keep the limits of a mission without training, in the plane."""
+        """Controllers of the plane that keep the limits of a mission, apart from agents."""
         condition = next(iter(_VARIED[self.mission]))
-        for who, spec, filtered, count in (
-            ("MPC", "mpc", False, min(_PREDICTED, self.bounded)),
-            ("LQR, filtered", "lqr", True, self.bounded),
-        ):
-            run = contestant(f"{spec}:{self.mission}-2d").guarded(filtered)
+        plane = f"{self.mission}-2d"
+        flying = [
+            ("MPC", f"mpc:{plane}", False, min(_PREDICTED, self.bounded)),
+            ("LQR, filtered", f"lqr:{plane}", True, self.bounded),
+        ]
+        if self.mission == "dock-port":  # whose values come with RANS
+            name = f"value:{plane}@floating-platform#0.5"
+            flying.append((name, name, False, self.bounded))
+        for who, spec, filtered, count in flying:
+            run = contestant(spec).guarded(filtered)
             craft, task, timing = run.craft, run.task.for_evaluation(), run.timing
             starts = scenarios(task, craft, self.seed, count)
             with warnings.catch_warnings():

@@ -94,6 +94,7 @@ MISSIONS = {
             (_GUIDANCE, "MPC"),
             (_GUIDANCE, "LQR, filtered"),
             *((_AGENT, f"pretrained:dock-port-{name}") for name in ("2d", "2d-atmos", "3d")),
+            (_AGENT, "value:dock-port-2d@floating-platform#0.5"),
         ),
     ),
 }

@@ -128,6 +128,7 @@ class Printer:
         return self._known[name]
 
     def _result(self, name: str, shape: Shape, kind: str = "float") -> Value:
+        """New variable of a value of the program, declared at once if it is an array."""
         value = Value(variable(name), shape, kind)
         self._known[name] = value
         if value.is_array:

@@ -294,6 +294,7 @@ class GradientCode(NamedTuple):
             begin = code.mul(number, LONG(WIDTH))
 
             def finish(first: Value, sums: list[Sequence[Value]]) -> None:
+                """Print what turns sums of rows from the first on into gradients before the activation."""
                 for u, v, value in numbered_sums(sums):
                     row = code.mul(code.add(first, LONG(u)), tile)
                     position = code.add(row, code.add(begin, LONG(v * LANES)))

@@ -143,7 +143,7 @@ class Code(ir.IRBuilder):
         return self.call(function, values)
 
     def within(self, x: Value, low: float, high: float) -> Value:
-        """No further than the bounds."""
+        """The number x clipped to the interval from low to high; NaN stays."""
         bounds = self.everywhere(low), self.everywhere(high)
         x = self.select(self.fcmp_ordered("<", x, bounds[0]), bounds[0], x)
         return self.select(self.fcmp_ordered(">", x, bounds[1]), bounds[1], x)

@@ -147,6 +147,7 @@ def row_correlations(
                 return [code.read(x, code.add(start, offset)) for start in starts]
 
             def summand(k: Value, sums: list[Value]) -> list[Value]:
+                """Sums of products, one of each pair of rows, with the products of vectors k added."""
                 left = vectors_at(k, a, a_stride, first_row, group_rows)
                 right = vectors_at(k, b, b_stride, first_column, column_count)
                 pairs = [(x, y) for x in left for y in right]

@@ -163,7 +163,7 @@ class Node:
         return other * self.function("inverse")
 
     def function(self, name: str) -> Node:
-        """One of `FUNCTIONS`, or the inverse."""
+        """The value of a function at this node: one of `FUNCTIONS`, or the inverse, 1 over it."""
         if name == "tan":
             return self.function("sin") / self.function("cos")
         if name in ("sin", "cos"):  # the coefficients of each follow from those of the other

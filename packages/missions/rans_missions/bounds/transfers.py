@@ -85,6 +85,7 @@ def least_of_transfers(
     meeting = Meeting.of(craft, task, next(each(starts)).goal)
 
     def solved(one: Scenario) -> tuple[float, MeetingTransfer | None]:
+        """Lower bound of the impulse from a start, N s, and the cheapest flight that was computed."""
         state = state_of(one)
         if not task.stay_seconds:
             answer = rendezvous(meeting, state, deadline)
@@ -105,6 +106,7 @@ def least_of_approaches(
     """
 
     def solved(one: Scenario) -> tuple[float, MeetingTransfer | None]:
+        """Lower bound of the impulse from a start, N s, and the cheapest flight that was computed."""
         meeting, state = PortMeeting.at_port(craft, task, task.timing, one.goal), state_of(one)
         return least_to_approach(meeting, state)[0], flight_to_port(meeting, state)
 

@@ -238,10 +238,10 @@ class MissionGuidance(ModelBased):
         return command
 
     def _planned(self, state: Any, goal: Any) -> Any:
-        """Goal with the arrival that is cheapest with its own reserve below speed limits.
+        """Goal with the time of the cheapest arrival that keeps this guidance's reserve below speed limits.
 
-        With the mission's smaller reserve a craft is up to 3 s late, which can be after the deadline. Found once an
-        episode.
+        The mission planned the goal's own time with a smaller reserve. Whoever flies to that with the larger one is
+        up to 3 s late, which can be after the deadline. The difference is computed once an episode.
         """
         arrival = self._mission.arrival(goal)
         if self._sooner is None:
