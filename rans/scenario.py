@@ -19,7 +19,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.tasks.base import Task
 from rans.tasks.derived import check_dimension
 from rans.tasks.observation_terms import Dimension
-from rans.tasks.shapes import Ball
 
 EVALUATION_SEED = 2023
 """Seed of evaluations; no training should use it."""
@@ -54,7 +53,7 @@ class Scenario:
 
 @dataclass(frozen=True)
 class Endpoints:
-    """A start, a goal and keep-out zones of a user's own, in place of those that a task samples.
+    """A start and a goal of a user's own, in place of those that a task samples.
 
     >>> own = rans.scenario.Endpoints(start=rans.state((3.0, 1.0), attitude=0.7))
     >>> sampled = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 2)
@@ -66,30 +65,24 @@ class Endpoints:
     """State of floats, as `rans.state` makes it; None: the starts are sampled."""
     goal: State | None = None
     """State of floats; None: the goals are sampled."""
-    zones: Sequence[Sequence[float]] = ()
-    """Keep-out zones that stand still, in place of the sampled ones: coordinates of the centre, then the radius, of
-    each, m. Empty: the zones are sampled."""
 
     def episodes(self, count: int, conditions: object | None) -> int:
         """Number of episodes that differ: 1 from one start without conditions, else ``count``."""
         return 1 if self.start is not None and conditions is None else count
 
     def applied(self, sampled: Scenario) -> Scenario:
-        """The scenarios with this start, goal and zones; deadlines and other notes of the task stay.
+        """The scenarios with this start and goal; deadlines and other notes of the task stay.
 
         Args:
             sampled: N sampled scenarios, with fields (N,).
 
         Raises:
-            ConfigError: start or goal is no state, or one of another dimension than the scenarios; or the task has
-                no zones, or fewer.
+            ConfigError: start or goal is no state, or one of another dimension than the scenarios.
         """
         start = sampled.start
         goal = sampled.goal
         if self.goal is not None:
             goal = _placed("goal", self.goal, goal)
-        if len(self.zones):
-            goal = _among(self.zones, goal)
         return Scenario(start if self.start is None else _placed("start", self.start, start), goal)
 
 
@@ -159,45 +152,6 @@ def _placed(what: str, value: object, sampled: State) -> State:
         )
     repeated = map_leaves(lambda x: np.full(count, float(x)), motion)
     return replace(repeated, notes=sampled.notes, stores=sampled.stores)
-
-
-def _among(zones: Sequence[Sequence[float]], goal: State) -> State:
-    """Goals among zones that stand still; tasks with more zones have the last of them several times.
-
-    Zones are the `Ball`s that a goal notes as ``zones``.
-    """
-    sampled = getattr(goal.notes, "zones", ())
-    if not sampled:
-        raise ConfigError(
-            "this task has no keep-out zones: fly one that has, such as avoid, as in lqr:avoid-2d."
-        )
-    if len(zones) > len(sampled):
-        raise ConfigError(
-            f"the task has {len(sampled)} keep-out zones, got {len(zones)}: a task with more is trained by "
-            f"--set settings.zones={len(zones)}."
-        )
-    dimension = len(goal.p.columns())
-    count = np.shape(leaves(goal)[0])
-    balls = []
-    for row in zones:
-        try:
-            numbers = [float(x) for x in row]
-        except (TypeError, ValueError):  # one zone that stands in no list, or words
-            numbers = []
-        if (
-            len(numbers) != dimension + 1
-            or not (np.abs(numbers) <= LARGEST).all()
-            or numbers[-1] <= 0.0
-        ):
-            raise ConfigError(
-                f"each of the zones is {dimension} coordinates and a radius above 0, m, of at most {LARGEST:g}, "
-                f"got {brief(row)}."
-            )
-        *centre, radius = (np.full(count, x) for x in numbers)
-        vector = type(goal.p)
-        balls.append(Ball(vector(*centre), vector(*(0.0 * x for x in centre)), radius))
-    balls += balls[-1:] * (len(sampled) - len(balls))
-    return replace(goal, notes=replace(goal.notes, zones=tuple(balls)))
 
 
 def each(starts: Scenario) -> Iterator[Scenario]:

@@ -75,7 +75,7 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place)
     assert (config["task"], config["spacecraft"]) == ("keep-distance", "puck")
     assert config["settings"]["distance"] == 1.0
     assert 'name = "puck"' in (place / "keep" / "spacecraft.toml").read_text()
-    assert (place / "keep" / "evaluation-workshop.json").exists()
+    assert (place / "keep" / "evaluation-workshop-drake.json").exists()
     comparison = json.loads((place / "keep" / "compare.json").read_text())
     names = [row["contestant"] for row in comparison["summary"]]
     assert names[:2] == ["keep", "steer"]  # nobody flies twice
@@ -87,7 +87,7 @@ def test_a_package_gives_every_command_its_task_spacecraft_and_controller(place)
     # A key metric stands in the short tables, and its section adds to what the core says of the file.
     assert "early duty" in evaluated
     assert "early duty, %" in compared
-    assert "early_duty" in np.load(place / "keep" / "episodes-workshop.npz")
+    assert "early_duty" in np.load(place / "keep" / "episodes-workshop-drake.npz")
     assert "2 of 2 checks passed" in validated
     assert reported
     page = (place / "page.html").read_text("utf-8")

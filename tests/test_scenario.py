@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from rans_missions.tasks import Dock
 
 import rans
-from rans import ConfigError, GoToPose
+from rans import GoToPose
 from rans.model.fields import leaves
 from rans.model.random import Random, hash4, seed_words
 from rans.model.spacecraft_file import load_spacecraft
@@ -110,26 +110,3 @@ def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds():
     np.testing.assert_array_equal(own.goal.p.x, np.ones(3))
     np.testing.assert_array_equal(own.goal.notes.deadline, sampled.goal.notes.deadline)
     assert Endpoints(goal=own.goal).start is None
-
-
-def test_zones_of_a_user_stand_still_and_the_last_fills_up():
-    task = rans.load_task("avoid")
-    craft = load_spacecraft("floating-platform")
-    sampled = scenarios(task, craft, seed=7, count=2)
-    own = Endpoints(zones=[(1.5, 0.2, 0.4), (2.0, -1.0, 0.3)]).applied(sampled)
-    assert own.start is sampled.start
-    later = task.later(own.goal, 5.0)
-    zones: Any = task.scenery(later)
-    found = [(*z.centre.columns(), z.radius) for z in zones]
-    expected = [(1.5, 0.2, 0.4), (2.0, -1.0, 0.3), (2.0, -1.0, 0.3)]
-    np.testing.assert_array_equal(found, [[[x, x] for x in row] for row in expected])
-    with pytest.raises(ConfigError, match="3 keep-out zones, got 4"):
-        Endpoints(zones=[(1.5, 0.2, 0.4)] * 4).applied(sampled)
-    # A radius of 0, words, and one zone that stands in no list.
-    wrong: list[Any] = [[(1.5, 0.2, 0.0)], [(1.5, 0.2, "large")], (1.5, 0.2, 0.4)]
-    for zones in wrong:
-        with pytest.raises(ConfigError, match="a radius above 0"):
-            Endpoints(zones=zones).applied(sampled)
-    without = scenarios(rans.GoToPose(), craft, seed=7, count=2)
-    with pytest.raises(ConfigError, match="no keep-out zones"):
-        Endpoints(zones=[(1.5, 0.2, 0.4)]).applied(without)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -144,7 +143,6 @@ class Agent(AgentData):
         first: int = 0,
         start: State | None = None,
         goal: State | None = None,
-        zones: Sequence[Sequence[float]] = (),
     ) -> Flight:
         """Fly episodes from the starts that agents are judged on: states and commands over time.
 
@@ -159,8 +157,6 @@ class Agent(AgentData):
             start: start of all episodes, as `rans.state` makes it; None: sampled. Without conditions one episode
                 flies from it, because all would be the same.
             goal: goal of all episodes, as `rans.state` makes it; None: sampled.
-            zones: keep-out zones that stand still, for tasks that have some: coordinates of the centre, then the
-                radius, of each, m; empty: sampled.
 
         Raises:
             ConfigError: the engine does not exist, a number is out of its range, or start or goal is no state of
@@ -168,7 +164,7 @@ class Agent(AgentData):
         """
         from rans.api.judging import flown, own_endpoints
 
-        return flown(self.run, episodes, seed, engine, first, own_endpoints(start, goal, zones))
+        return flown(self.run, episodes, seed, engine, first, own_endpoints(start, goal))
 
     def evaluate(self, **options: Any) -> Metrics:
         """Fly from fixed starts, and return metrics with 95 % intervals; options as for `rans.evaluate`."""

@@ -96,16 +96,14 @@ def flown(
 def own_endpoints(
     start: State | Sequence[str] | None,
     goal: State | Sequence[str] | None,
-    zones: Sequence[Sequence[float] | str],
 ) -> Endpoints | None:
-    """A user's start, goal and zones, as states and numbers or as words; None where all are sampled."""
+    """A user's start and goal, as states or as words; None where both are sampled."""
     begin: Any = None if start is None or start == () else start
     end: Any = None if goal is None or goal == () else goal
-    balls: Any = zones
-    if begin is end is None and not len(balls):
+    if begin is end is None:
         return None
-    written = any(map(is_written, (begin, end, balls)))
-    return (WrittenEndpoints if written else Endpoints)(begin, end, balls)
+    written = is_written(begin) or is_written(end)
+    return (WrittenEndpoints if written else Endpoints)(begin, end)
 
 
 @settled_alone
@@ -120,7 +118,6 @@ def evaluate(
     guard: bool = False,
     start: State | None = None,
     goal: State | None = None,
-    zones: Sequence[Sequence[float]] = (),
     period: float | None = None,
 ) -> Metrics:
     """Fly an agent or a controller from fixed starts, and return metrics with 95 % intervals.
@@ -146,8 +143,6 @@ def evaluate(
         start: your own start in place of sampled ones. Episodes then differ in conditions only; without conditions
             there is one.
         goal: your own goal, in the same form; by default that of the scenario.
-        zones: your own keep-out zones, for tasks that have some, such as avoid-2d; m, a radius includes that of the
-            spacecraft. They stand still.
         period: control period, s, of a controller or of any-craft with a spacecraft; by default the task's, or one
             for the spacecraft of your file.
 
@@ -167,7 +162,7 @@ def evaluate(
         )
     count = whole("episodes", episodes)
     flying = run.under(conditions_if_named(conditions)).guarded(guard)
-    return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal, zones)))
+    return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal)))
 
 
 @settled_alone

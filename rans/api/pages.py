@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -112,7 +112,6 @@ def view(
     guard: bool = False,
     start: State | None = None,
     goal: State | None = None,
-    zones: Sequence[Sequence[float]] = (),
 ) -> Replay:
     """Fly agents and controllers from the same starts, and replay the flights in three dimensions.
 
@@ -136,7 +135,6 @@ def view(
         guard: see `rans.api.judging.evaluate`.
         start: see `rans.api.judging.evaluate`.
         goal: see `rans.api.judging.evaluate`.
-        zones: see `rans.api.judging.evaluate`.
 
     Raises:
         ConfigError: there is no such contestant, a number is out of its range, or start or goal is no state of the
@@ -147,7 +145,7 @@ def view(
     if save is not None:
         checked_kind(Path(save))
     # What is wrong is refused before anything flies.
-    endpoints = own_endpoints(start, goal, zones)
+    endpoints = own_endpoints(start, goal)
     count = whole("episodes", episodes)
     first = whole("episode", episode, least=0)
     runs = flyers(contestants, conditions, trust, guard)

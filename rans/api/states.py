@@ -133,26 +133,26 @@ def read_state(words: Sequence[str], dimension: int, option: str) -> WrittenStat
     return WrittenState(tuple(pose), velocities)
 
 
-def read_zones(words: Sequence[str], dimension: int, option: str) -> list[tuple[float, ...]]:
+def read_zones(words: Sequence[str], dimension: int) -> list[tuple[float, ...]]:
     """Keep-out zones of words such as "1.5,0.2,0.4": the centre's coordinates and the radius of each, m.
 
     Raises:
         ConfigError: a word has another number of numbers, or one is not finite.
     """
     words = [word for word in words if word]
-    zones = [tuple(_number(text, option, False) for text in word.split(",")) for word in words]
+    zones = [tuple(_number(text, "--zones", False) for text in word.split(",")) for word in words]
     for word, zone in zip(words, zones, strict=True):
         if len(zone) != dimension + 1:
             form = "x,y,r" if dimension == 2 else "x,y,z,r"
             example = "1.5,0.2,0.4" if dimension == 2 else "1.5,0.2,0,0.4"
             raise ConfigError(
-                f"{option} takes {form} of each zone, m, such as {example}, got {brief(word)}."
+                f"--zones takes {form} of each zone, m, such as {example}, got {brief(word)}."
             )
     return zones
 
 
 class WrittenEndpoints(Endpoints):
-    """Start, goal and zones as a user writes them: words, each in place of a state or of numbers.
+    """Start and goal as a user writes them: words, each in place of a state.
 
     With a start alone the goal is the origin, at rest; with a goal alone the starts are sampled.
     """
@@ -164,19 +164,15 @@ class WrittenEndpoints(Endpoints):
             ConfigError: see `read_state`.
         """
         example = next(each(sampled))
-        dimension = len(example.start.p.columns())
         start: Any = self.start
         goal: Any = self.goal
-        zones: Any = self.zones
-        # What is no word is a state or numbers already.
+        # What is no word is a state already.
         if is_written(start):
             start = _stated(start, example.start, "--start")
             goal = () if goal is None else goal
         if goal == () or is_written(goal):
             goal = _stated(goal, example.goal, "--goal")
-        if is_written(zones):
-            zones = tuple(read_zones(zones, dimension, "--zones"))
-        return Endpoints(start, goal, zones).applied(sampled)
+        return Endpoints(start, goal).applied(sampled)
 
 
 def is_written(value: object) -> bool:

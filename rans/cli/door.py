@@ -40,14 +40,11 @@ POSE = "X Y HEADING ..."
 """Placeholder of a pose in help."""
 OwnState = Annotated[tuple[str, ...], arg(metavar=POSE)]
 """Type of an option that takes a state."""
-OwnZones = Annotated[tuple[str, ...], arg(metavar="X,Y,R...")]
-"""Type of an option that takes keep-out zones."""
 
 _FORMS = {
     OwnState: "Write x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps roll, pitch, yaw; "
     "angles are in degrees, or with a unit, such as 0.7rad. Velocities follow by name: v.x=0.1 (m/s), w=0.1 "
     "(rad/s). With a start alone the goal is the origin.",
-    OwnZones: "Write the centre and the radius of each, such as 1.5,0.2,0.4, in space x,y,z,r.",
 }
 """How a terminal has values for which Python has objects; printed with the first option of its type."""
 
@@ -205,8 +202,6 @@ def _kind(name: str, parameter: inspect.Parameter, function: Callable[..., Any])
         return OwnState
     if get_origin(parts[0]) is Sequence:
         (each,) = get_args(parts[0])
-        if get_origin(each) is Sequence:
-            return OwnZones
         several = tuple[each, ...] | None if _is_optional(kind) else tuple[each, ...]
         return Annotated[several, arg(metavar="NAME...")]
     if {Spacecraft, Conditions} & {*parts}:  # a name or a file

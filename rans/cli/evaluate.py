@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,6 @@ from rans.files import (
     write_json,
     writing_at_end,
 )
-from rans.registry import Registry
 from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
@@ -31,12 +29,6 @@ if TYPE_CHECKING:
 
 _KEPT = 2**16
 """Largest number of flights whose trajectories are stored."""
-
-FLIGHT_FILES: Registry[Callable[[Flight, Path], str]] = Registry(
-    "form of flights", "rans.flight_files"
-)
-"""Forms in which installed packages write flights, by the name of their folder: functions of the flight and the
-folder, whose result says what they are; empty: there are none of such a flight."""
 
 
 @command_of(evaluate, agent=word("RUN"))
@@ -60,9 +52,7 @@ class Evaluate(Options):
     )
 
     full: bool = False
-    """Print all metrics, not only the most important ones, and write all states and commands into episodes.npz; of
-    a mission on an orbit also the first 16 flights as CCSDS messages into a folder ccsds: OEM of craft and target
-    (docs/missions/ccsds.md)."""
+    """Print all metrics, not only the most important ones, and write all states and commands into episodes.npz."""
     trust: Trust = False
     """Whether code that files name may run, by --trust."""
 
@@ -95,7 +85,7 @@ class Evaluate(Options):
             Terminal().say(remark)
         ready_folder(self.agent.output_folder)
         file = self._file(run)
-        own = own_endpoints(self.start, self.goal, self.zones)
+        own = own_endpoints(self.start, self.goal)
         # After an interrupt the flights that have ended.
         flights: list[Flight] = []
 
@@ -133,8 +123,7 @@ class Evaluate(Options):
         suffix = file.stem.removeprefix("evaluation")
         results["conditions"] = self._conditions(run, flight.commands.shape[1])
         results["about"] = about(str(self.agent), run.judged, "rans.evaluate")
-        beside = [f"episodes{suffix}.npz", f"episode{suffix}.svg"]
-        write_json(file, results, beside + [f"{name}{suffix}" for name in FLIGHT_FILES])
+        write_json(file, results, [f"episodes{suffix}.npz", f"episode{suffix}.svg"])
         save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
         page = evaluation_page([metrics], flight, command_line())
         page.write(inside(file.parent, f"evaluation{suffix}.html"))
@@ -143,12 +132,7 @@ class Evaluate(Options):
 
             with doing("drawing the flights", in_log=False):
                 save_flight_figures(flight, file.parent, suffix)
-        written = ""
-        for name in FLIGHT_FILES if self.full else ():
-            to = file.with_name(f"{name}{suffix}")
-            if what := FLIGHT_FILES[name](flight, to):
-                written += f", and {what} to {to}"
-        Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}{written}.")
+        Terminal().say(f"Written to {file.with_suffix('.html')}, {file.name}.")
 
     def _file(self, run: LoadedRun) -> Path:
         """File of the results, whose name has every option that changes figures; ConfigError if it is a link."""
@@ -158,7 +142,7 @@ class Evaluate(Options):
         conditions = ""
         if self.conditions is not None:
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
-        own = self.changed("start", "goal", "zones")
+        own = self.changed("start", "goal")
         names = (
             self.agent.part,
             "" if self.protocol == "own" else self.protocol,
@@ -189,10 +173,8 @@ class Evaluate(Options):
         }
         if self.period is not None:
             options["period"] = self.period
-        if self.start or self.goal or self.zones:
+        if self.start or self.goal:
             options |= {"start": " ".join(self.start), "goal": " ".join(self.goal)}
-            if self.zones:
-                options["zones"] = " ".join(self.zones)
         if run.guard is not None:
             options["guard"] = asdict(run.guard)  # pyrefly: ignore[bad-argument-type]
         if run.conditions is None:

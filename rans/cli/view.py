@@ -84,7 +84,7 @@ class View(Options):
 
     def _refuse_unused(self) -> None:
         """Refuse options that change nothing where a person flies: everything is nominal there."""
-        options = ("conditions", "episodes", "start", "goal", "zones", "engine")
+        options = ("conditions", "episodes", "start", "goal", "engine")
         unused = [each for each in self.changed(*options) if each.startswith("--")]
         if unused:
             raise ConfigError(

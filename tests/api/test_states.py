@@ -40,22 +40,22 @@ def test_velocities_follow_by_name():
 
 
 def test_zones_are_words_with_commas():
-    assert read_zones(["-1.5,0,0.4", "", "2,1,0.3"], 2, "--zones") == [
+    assert read_zones(["-1.5,0,0.4", "", "2,1,0.3"], 2) == [
         (-1.5, 0.0, 0.4),
         (2.0, 1.0, 0.3),
     ]
     with pytest.raises(
         ConfigError, match=r"x,y,z,r of each zone, m, such as 1.5,0.2,0,0.4, got '1,2,3'"
     ):
-        read_zones(["1,2,3"], 3, "--zones")
+        read_zones(["1,2,3"], 3)
 
 
 def test_words_and_states_are_the_same_start_and_goal():
     """With a start alone the goal of words is the origin, at rest."""
     sampled = scenarios(GoToPose(), load_spacecraft("floating-platform"), 7, 2)
-    words = own_endpoints(("3", "1", "40deg", "v.x=0.1"), (), ())
+    words = own_endpoints(("3", "1", "40deg", "v.x=0.1"), ())
     start = state((3.0, 1.0), math.radians(40.0), (0.1, 0.0))
-    states = own_endpoints(start, state((0.0, 0.0)), ())
+    states = own_endpoints(start, state((0.0, 0.0)))
     assert words is not None
     assert states is not None
     first, second = words.applied(sampled), states.applied(sampled)
@@ -63,9 +63,9 @@ def test_words_and_states_are_the_same_start_and_goal():
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
     spatial = scenarios(GoToPose(), load_spacecraft("free-flyer"), 7, 2)
     half = math.sqrt(0.5)
-    words = own_endpoints(("1", "2", "3", "0", "0", "90deg", "v.y=0.2", "w.z=0.1"), (), ())
+    words = own_endpoints(("1", "2", "3", "0", "0", "90deg", "v.y=0.2", "w.z=0.1"), ())
     quarter = state((1.0, 2.0, 3.0), (half, 0.0, 0.0, half), (0.0, 0.2, 0.0), (0.0, 0.0, 0.1))
-    states = own_endpoints(quarter, state((0.0, 0.0, 0.0)), ())
+    states = own_endpoints(quarter, state((0.0, 0.0, 0.0)))
     assert words is not None
     assert states is not None
     turned = words.applied(spatial), states.applied(spatial)
@@ -73,14 +73,14 @@ def test_words_and_states_are_the_same_start_and_goal():
         np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
     # Each may be words or a state, whatever the others are.
     for mixed in (
-        own_endpoints(start, ("0", "0", "0"), ()),
-        own_endpoints(("3", "1", "40deg", "v.x=0.1"), state((0.0, 0.0)), ()),
+        own_endpoints(start, ("0", "0", "0")),
+        own_endpoints(("3", "1", "40deg", "v.x=0.1"), state((0.0, 0.0))),
     ):
         assert mixed is not None
         for a, b in zip(leaves(mixed.applied(sampled)), leaves(second), strict=True):
             np.testing.assert_allclose(a, b, rtol=0, atol=1e-15)
     with pytest.raises(ConfigError, match=r"the start must be a state .* got \(3, 1, 0\.7\)"):
-        own_endpoints((3, 1, 0.7), ("0", "0", "0"), ()).applied(sampled)  # type: ignore[arg-type,union-attr]
-    assert own_endpoints((), None, ()) is None
+        own_endpoints((3, 1, 0.7), ("0", "0", "0")).applied(sampled)  # type: ignore[arg-type,union-attr]
+    assert own_endpoints((), None) is None
     with pytest.raises(ConfigError, match="--start takes x, y and heading"):
-        own_endpoints(("3",), (), ()).applied(sampled)  # type: ignore[union-attr]
+        own_endpoints(("3",), ()).applied(sampled)  # type: ignore[union-attr]

@@ -37,8 +37,6 @@ FRAME = "EME2000"
 _ECCENTRICITY = 0.01
 """Eccentricity above which an orbit does not count as circular: Clohessy-Wiltshire's equations are then as wrong as
 at a distance of a hundredth of the radius."""
-_MESSAGES = 16
-"""Largest number of flights that ``rans evaluate --full`` writes, two files each."""
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
 
 
@@ -56,20 +54,6 @@ class OrbitState:
     """Position, (3,) m."""
     v: np.ndarray
     """Velocity, (3,) m/s."""
-
-
-def write_first_flights(flight: Flight, folder: Path) -> str:
-    """Write the first flights of a mission on an orbit; returns what they are, or nothing for other flights."""
-    if not _is_on_orbit(flight):
-        return ""
-    for episode in range(min(_MESSAGES, flight.commands.shape[1])):
-        write_ccsds(flight, folder, episode)
-    return "CCSDS messages"
-
-
-def _is_on_orbit(flight: Flight) -> bool:
-    """Whether a flight is in space near a target on a circular orbit."""
-    return isinstance(flight.task.drift, ClohessyWiltshire) and flight.craft.dimension == 3
 
 
 def write_ccsds(
@@ -108,7 +92,7 @@ def write_ccsds(
     """
     checked("flight", flight, Flight)
     drift = flight.task.drift
-    if not isinstance(drift, ClohessyWiltshire) or not _is_on_orbit(flight):
+    if not isinstance(drift, ClohessyWiltshire) or flight.craft.dimension != 3:
         raise ConfigError(
             f"CCSDS messages are of missions in space on a circular orbit, such as hold, and "
             f"{type(flight.task).__name__} is not one."

@@ -201,7 +201,7 @@ def fly_on_robot(
         robot=robot,
         goal=aim.pose,
         goal_velocity=velocity if aim.velocities else (),
-        zones=tuple(chain(*read_zones(zones, craft.dimension, "--zones"))),
+        zones=tuple(chain(*read_zones(zones, craft.dimension))),
         guard=guard,
         trade_off=trade_off,
         lost_after=max(1.0, 2.0 * period),
