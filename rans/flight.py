@@ -398,7 +398,7 @@ def fly(
     now = world.begin(starts.start, starts.goal, 0, draws, body)
     count = len(leaves(starts.start)[0])
     if craft.stores:
-        now = replace(now, state=map_leaves(lambda x: np.broadcast_to(x, count), now.state))
+        now = replace(now, state=map_leaves(lambda x: np.full(count, x), now.state))
     begun = now.state
     nowhere = map_leaves(lambda _: np.nan, begun)
     controller = begin_flight(controller, count)

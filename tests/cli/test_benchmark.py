@@ -35,7 +35,6 @@ def test_figures(ran, tmp_path, monkeypatch):
     for part in (
         "floating-platform, 64 environments",
         "PPO, floating-platform",
-        "ms a solve",
         "percentile",
     ):
         assert part in text
@@ -46,7 +45,6 @@ def test_figures(ran, tmp_path, monkeypatch):
         "engine",
         "flights",
         "training",
-        "optimal control",
         "policy",
     }
     assert all(row["value"] > 0 for row in measured)

@@ -10,7 +10,7 @@ from typing import Literal
 
 import torch
 
-Kind = Literal["memory", "engine", "flights", "training", "optimal control", "policy"]
+Kind = Literal["memory", "engine", "flights", "training", "policy"]
 
 
 @dataclass(frozen=True)

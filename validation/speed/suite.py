@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from rans.fast.learn.config import preset
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry
 from rans.tasks import Task
 from validation.speed.engine import copy_bandwidth, engine_rate, memory_per_environment
 from validation.speed.flights import flight_rates
 from validation.speed.latency import latencies
 from validation.speed.measurement import Clock, Measurement
 from validation.speed.training import LARGE, trainer_rate
-
-BENCHMARKS: Registry[Callable[[Spacecraft, Task, int], Iterator[tuple[Any, ...]]]] = Registry(
-    "benchmark", "rans.benchmarks"
-)
-"""What installed packages measure, from a number of starts of a craft and a task: arguments of `Measurement`."""
 
 
 @dataclass(frozen=True)
@@ -29,8 +22,6 @@ class Effort:
     clock: Clock
     compiled: bool | None
     """See `rans.fast.engine.Engine`."""
-    starts: int
-    """Of optimal trajectories."""
     calls: int
     """Of an agent."""
     flights: int
@@ -42,14 +33,14 @@ def effort(device: str, quick: bool) -> Effort:
     flights = 2**22 if device != "cpu" else 2**14
     if quick:
         clock = Clock(device, repeats=2, seconds=0.01)
-        return Effort(clock, None, starts=1, calls=50, flights=flights)
-    return Effort(Clock(device), True, starts=8, calls=5000, flights=flights)
+        return Effort(clock, None, calls=50, flights=flights)
+    return Effort(Clock(device), True, calls=5000, flights=flights)
 
 
 def measurements(
     crafts: Sequence[Spacecraft], task_name: str, task: Task, sizes: Sequence[int], spend: Effort
 ) -> Iterator[Measurement]:
-    """Memory, engine, flights, training, optimal control, agents.
+    """Memory, engine, flights, training, agents.
 
     Args:
         crafts: what flies.
@@ -74,9 +65,5 @@ def measurements(
         yield trainer_rate(craft, task, preset(task_name, craft.dimension, clock.device), clock)
         if clock.on_gpu:
             yield trainer_rate(craft, task, LARGE, clock)
-    for benchmark in BENCHMARKS.values():
-        for craft in crafts:
-            for row in benchmark(craft, task, spend.starts):
-                yield Measurement(*row)
     for craft in crafts:
         yield from latencies(craft, task, preset(task_name, craft.dimension, "cpu"), spend.calls)

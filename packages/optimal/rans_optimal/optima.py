@@ -132,7 +132,7 @@ def optima(
     """
     if guesses is None:
         guesses = usual_guesses(craft, task, objective)
-    [trajectories] = solve_all(craft, task, [objective], starts, workers, progress, guesses)
+    trajectories = solve_all(craft, task, objective, starts, workers, progress, guesses)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
         if trajectory.solved

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from rans.extend import Progress, Scenario, Spacecraft, Task, Workers, each, scenario, unseen
 from rans_optimal.arrival import Arrival, goal_motion
 from rans_optimal.checks import check_craft, check_task, moves_goal
@@ -14,13 +12,13 @@ from rans_optimal.transcription import Trajectory, Transcription, unsolved
 def solve_all(
     craft: Spacecraft,
     task: Task,
-    objectives: Sequence[Objective],
+    objective: Objective,
     starts: Scenario,
     workers: int | None = None,
     progress: Progress = unseen,
     guesses: int = 1,
-) -> list[list[Trajectory]]:
-    """Solve every objective from every start: per objective N trajectories in the order of the starts.
+) -> list[Trajectory]:
+    """Solve an objective from every start: N trajectories in the order of the starts.
 
     See `rans.processes.Workers` for worker processes and interrupts. The starts are of arrays (N,), as
     `rans.scenario.scenarios` gives them. By default there is one worker per processor; one solves in this
@@ -34,32 +32,21 @@ def solve_all(
     check_craft(craft)
     check_task(craft, task)
     example = scenario(task, craft.dimension, seed=0, episode=0)
-    for objective in objectives:
-        Arrival(task, example.goal, objective.ending)
+    Arrival(task, example.goal, objective.ending)
     if moves_goal(task):
         goal_motion(task, example.goal)
-    jobs = [(index, start, guesses) for index in range(len(objectives)) for start in each(starts)]
+    jobs = [(start, guesses) for start in each(starts)]
 
-    def lost(index: int, start: Scenario, guesses: int) -> Trajectory:
-        return unsolved(objectives[index], craft, start.start, "Worker_Died")
+    def lost(start: Scenario, guesses: int) -> Trajectory:
+        return unsolved(objective, craft, start.start, "Worker_Died")
 
-    pool = Workers(_transcriptions, (craft, task, objectives), workers)
+    pool = Workers(Transcription, (craft, task, objective), workers)
     answers: dict[int, Trajectory] = {}
     for number, trajectory in pool.finished(_solve, jobs, lost):
         answers[number] = trajectory
         progress(1)
-    count = len(jobs) // max(1, len(objectives))
-    return [[answers[i * count + k] for k in range(count)] for i in range(len(objectives))]
+    return [answers[k] for k in range(len(jobs))]
 
 
-def _transcriptions(
-    craft: Spacecraft, task: Task, objectives: Sequence[Objective]
-) -> list[Transcription]:
-    """One per objective."""
-    return [Transcription(craft, task, objective) for objective in objectives]
-
-
-def _solve(
-    transcriptions: list[Transcription], index: int, start: Scenario, guesses: int
-) -> Trajectory:
-    return transcriptions[index].solve(start.start, start.goal, guesses)
+def _solve(transcription: Transcription, start: Scenario, guesses: int) -> Trajectory:
+    return transcription.solve(start.start, start.goal, guesses)

@@ -70,7 +70,7 @@ def test_what_cannot_be_optimised_is_said_before_any_process_starts(task, said, 
     monkeypatch.delattr("rans.processes.Processes")
     craft = load_spacecraft("floating-platform")
     with pytest.raises(ConfigError, match=said):
-        solve_all(craft, task, [MinimumTime()], scenarios(task, craft, 0, 1), workers=2)
+        solve_all(craft, task, MinimumTime(), scenarios(task, craft, 0, 1), workers=2)
 
 
 @given(x=st.floats(-5, 5), y=st.floats(-5, 5))

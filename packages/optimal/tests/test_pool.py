@@ -29,7 +29,7 @@ class Fatal(MinimumTime):
 @pytest.mark.slow
 def test_dead_worker_is_a_status():
     starts = scenarios(TASK, PLATFORM, 3, 4)
-    (answers,) = solve_all(PLATFORM, TASK, [Fatal(10)], starts, workers=2)
+    answers = solve_all(PLATFORM, TASK, Fatal(10), starts, workers=2)
     assert [a.status for a in answers] == ["Worker_Died"] * 4
     assert not any(a.solved for a in answers)
     assert answers[0].commands.shape == (10, 8)

@@ -33,16 +33,18 @@ POSES = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
 
 
 def suits(craft: Spacecraft) -> bool:
-    """Whether there is such a value function: of craft of constant mass that have thrusters and nothing else."""
-    return craft.has_only_thrusters and not craft.stores
+    """Whether there is such a value function: of craft with thrusters and, in the plane, wheels, without a tank."""
+    others = craft.command_count - craft.thruster_count
+    has_only_wheels = others == len(craft.stores) == craft.wheel_count
+    return has_only_wheels and (craft.dimension == 2 or not others)
 
 
 def check_craft(craft: Spacecraft) -> None:
     """Reject (`ConfigError`) craft that have no such value function."""
     if not suits(craft):
         raise ConfigError(
-            f"value functions are of craft with thrusters alone, without a tank, and {craft.name} is no such "
-            'craft: fly any-craft, or train with the algorithm "ppo".'
+            "value functions are of craft with thrusters alone, in the plane also with wheels, without a tank, "
+            f'and {craft.name} is no such craft: fly any-craft, or train with the algorithm "ppo".'
         )
 
 
@@ -137,7 +139,8 @@ class GreedyController:
         made.greedy, made._belief = self._designed, None
         problem = made.greedy.problem
         craft, task, timing = self._setup
-        if conditions is not None and craft.dimension == 2 and type(task) in POSES:
+        is_modelled = craft.dimension == 2 and not craft.wheels
+        if conditions is not None and is_modelled and type(task) in POSES:
             if not isinstance(problem, VariedProblem):
                 kept = craft, task, timing, _KEPT * self._tolerance
                 problem = VariedProblem(*kept)
@@ -154,12 +157,12 @@ class GreedyController:
 
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
-        """Commands (N, thrusters) of states."""
+        """Commands (N, n) of states."""
         belief, like, problem = self._belief, self.greedy.value.mean, self.greedy.problem
         number = like if belief is None else like.double()
         seen = problem.frame.relative(state, goal, number, self._trade_off)
         seen = problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
-        command = seen.new_zeros(seen.shape[1], problem.craft.thruster_count)
+        command = seen.new_zeros(seen.shape[1], problem.craft.command_count)
         # Only flights that go on. Near limits a period more: errors of the value lose flights there.
         goes_on = ~problem.frame.is_over(seen)
         periods = 3 if problem.limits else 2

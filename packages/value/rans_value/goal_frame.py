@@ -2,7 +2,7 @@
 
 States are (rows, ...): position (m), attitude (heading, rad, or quaternion) and velocity (m/s) of the craft in the
 frame of the goal, spin (rad/s; in space in B), in the plane relative to that of the goal, then the spin of the goal
-if there are goals that turn, and the trade-off between time and impulse, 0 to 1.
+if there are goals that turn, momenta of the wheels (N m s), and the trade-off between time and impulse, 0 to 1.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ _EQUAL = 1e-6
 
 
 def parted(state: Tensor) -> tuple[Tensor, ...]:
-    """Rows of position, attitude, velocity and spin of states (rows, ...), and those that stay in a flight."""
+    """Rows of position, attitude, velocity and spin of states (rows, ...), and the others."""
     sizes = (3, 4, 3, 3) if len(state) == 14 else (2, 1, 2, 1)
     return state.split((*sizes, len(state) - sum(sizes)))
 
@@ -109,7 +109,8 @@ class GoalFrame:
             self._lever = tuple(float(x[fastest]) for x in lever.columns())
         self.ends_well = task.done(aim, aim) is not None
         """Whether the task has a success that ends the flight."""
-        self._probes = self._tried(drawn.start, goals)
+        begun = self._world.begin(drawn.start, drawn.goal, 0)
+        self._probes = self._tried(begun.state, goals)
 
     def _tried(self, starts: State, goals: State) -> Tensor:
         """States (rows, N) on which the task was tried; it is refused where seen from its goal it differs."""
@@ -121,7 +122,7 @@ class GoalFrame:
         moving = [0.2 * torch.randn(x.shape, generator=random, dtype=p.dtype) for x in (v, w)]
         states = torch.cat((p * nearer, attitude, *moving, rest))
         craft = self._world.craft
-        command = torch.ones(craft.thruster_count, _TRIED, dtype=p.dtype).tril().unbind()
+        command = torch.ones(craft.command_count, _TRIED, dtype=p.dtype).tril().unbind()
         if not _same(_notes(self._goal), _notes(goals)):
             raise _refused(self.task, "its goals note what differs from flight to flight")
         for _ in range(2):
@@ -150,7 +151,7 @@ class GoalFrame:
         return replace(self._goal, p=Vec2(*place), attitude=Heading(zero), v=speed, w=spin)
 
     def relative(self, state: State, goal: State, like: Tensor, trade_off: float = 0.0) -> Tensor:
-        """States (rows, N) of N spacecraft in the frame of their goals, in dtype and device of another tensor.
+        """States (rows, N) of N spacecraft with stores in the frame of their goals, in a tensor's dtype and device.
 
         The trade-off counts where the goals note none.
         """
@@ -158,7 +159,7 @@ class GoalFrame:
         now: Any = map_leaves(number, state)
         aim: Any = map_leaves(number, goal)
         noted = number(getattr(goal.notes, "trade_off", trade_off))
-        return _rows(now, aim, ((aim.w, noted) if self.turns else (noted,)))
+        return _rows(now, aim, *([aim.w] if self.turns else []), noted)
 
     def step(self, state: Tensor, command: Any) -> tuple[Tensor, Tensor, Tensor]:
         """States after a control period with these commands of the thrusters, and whether it was won or lost."""
@@ -166,12 +167,13 @@ class GoalFrame:
         return after, won, lost
 
     def _stepped(self, state: Tensor, goal: Any, command: Any) -> tuple[Tensor, Tensor, Any]:
-        begun = Episode(_placed(state, goal), goal)
+        rest = parted(state)[-1].unbind()
+        begun = Episode(replace(_placed(state, goal), stores=rest[self.turns : -1]), goal)
         outcome = step(self._world, begun, tuple(command), rewarded=False)
         lost = reduce(or_, (x < 0.0 for x in outcome.margins.values()), outcome.failed)
         won = lost & ~lost if outcome.done is None else outcome.done & ~lost
         later = outcome.episode.goal
-        after = _rows(outcome.episode.state, later, parted(state)[-1].unbind())
+        after = _rows(outcome.episode.state, later, *rest[: self.turns], rest[-1])
         return after, torch.stack((won, lost)), later
 
     def is_over(self, state: Tensor) -> Tensor:
@@ -220,15 +222,17 @@ class GoalFrame:
         return torch.stack([x.to(state.dtype) for x in torch.broadcast_tensors(*asked)])
 
 
-def _rows(now: Any, aim: Any, rest: Any) -> Tensor:
-    """States (rows, ...) of a craft in the frame of a goal, with the rows that stay."""
+def _rows(now: Any, aim: Any, *rest: Tensor) -> Tensor:
+    """States (rows, ...) of a craft in the frame of a goal, with the rows that stay: the last is the trade-off."""
     back = aim.attitude.inverse()
     rows = (
         *back.rotate(now.p - aim.p).columns(),
         *leaves(aim.attitude.to(now.attitude).normalised()),
         *back.rotate(now.v - aim.v).columns(),
         *((now.w - aim.w,) if isinstance(now, PlanarState) else now.spin()),
-        *rest,
+        *rest[:-1],
+        *now.stores,
+        rest[-1],
     )
     return torch.stack(torch.broadcast_tensors(*rows))
 

@@ -21,6 +21,8 @@ _AHEAD = 4
 _LEVELS = (0.5, 0.25, 0.1)
 """Parts of the first `_AHEAD` patterns that are tried too where thrusters are throttled or pulsed. Commands of
 least time or impulse open them wholly; holding a pose, or a spin between two pulses, takes less."""
+_TORQUES = (-1.0, -0.5, -0.15, 0.15, 0.5, 1.0)
+"""Torques of each wheel, of its largest, that are tried with the first `_AHEAD` patterns too."""
 
 
 class Greedy:
@@ -41,13 +43,19 @@ class Greedy:
         self._arriving = arriving
         device = value.mean.device
         count = problem.craft.thruster_count
-        self._single = torch.eye(count + 1)[:, 1:].to(device)
+        size = problem.craft.command_count
+        self._single = torch.eye(size + 1)[: count + 1, 1:].to(device)
+        wheels = torch.eye(size)[count:]
+        self._turns = torch.cat([torque * wheels for torque in _TORQUES]).to(device)
         self._patterns = problem.patterns.to(device)
+        # Open valves share what a shared supply gives, and so what each promises.
+        self._shares = problem.mean_thrust(self._patterns).T
         self._count = min(max(_TRIED, count**2 // 4), len(self._patterns))
+        self._whole = self._count + _AHEAD * len(self._turns)
         # On a GPU inputs are at addresses that stay, as launches would take longer than the computation.
         self._inputs: tuple[Tensor, ...] = ()
         if device.type == "cuda":
-            shapes = ((problem.rows, _CHUNK), (_CHUNK, count))
+            shapes = ((problem.rows, _CHUNK), (_CHUNK, size))
             self._inputs = tuple(torch.zeros(shape, device=device) for shape in shapes)
         compiled = fused(self._outcome, device)
         self._recorded = graphed(lambda: compiled(*self._inputs), device)
@@ -85,9 +93,11 @@ class Greedy:
         """
         costs = self.outcomes(state, self._single[:, None])[0]
         # A row of memory for each state, as thousands of patterns are compared.
-        order = (costs[1:] - costs[:1]).T @ self._patterns.T
+        order = (costs[1:] - costs[:1]).T @ self._shares.T
         patterns = self._patterns[order.topk(self._count, dim=1, largest=False).indices.T]
-        if self.problem.craft.is_continuous:
+        turned = patterns[:_AHEAD, None] + self._turns[:, None]
+        patterns = torch.cat((patterns, turned.flatten(0, 1)))
+        if self.problem.craft.actuators.is_continuous:
             parts = [level * patterns[:_AHEAD] for level in _LEVELS]
             patterns = torch.cat((patterns, *parts))
         outcomes = self.outcomes(state, patterns)
@@ -111,8 +121,8 @@ class Greedy:
     def label(self, state: Tensor) -> tuple[Tensor, Tensor]:
         """Patterns (C, N, n) of valves wholly open, and costs of two periods above that of the best, (C, N), s."""
         patterns, outcomes = self.tried(state, 2)
-        costs = outcomes[0, : self._count]
-        return patterns[: self._count], costs - costs.amin(dim=0)
+        costs = outcomes[0, : self._whole]
+        return patterns[: self._whole], costs - costs.amin(dim=0)
 
 
 def _taken(patterns: Tensor, outcomes: Tensor, index: Tensor) -> tuple[Tensor, Tensor]:

@@ -70,7 +70,7 @@ _LABELLED = 8
 _DECIDED = 0.02
 """Cost of a pattern above that of the best, at which its label counts a third, s."""
 _GAIN = 8.0
-"""Log-odds of a valve for a command between 0 and 1 of craft that have those."""
+"""Log-odds of a valve for a command between 0 and 1 of craft that have those, and the sharpness of a wheel's."""
 _RATES = (1.0, 0.02, 0.4, 0.008)
 """Step sizes, of the first, with which imitation and learning from flights begin and end."""
 _ROLLOUTS = 2
@@ -111,7 +111,7 @@ class ValueLearner:
     """Learner by fitted value iteration; a `rans.fast.learn.learner.Learner`.
 
     Args:
-        engine: engine of a craft with on/off thrusters that flies to a pose.
+        engine: engine of a craft with thrusters and, in the plane, wheels that flies to a pose.
         network: policy network, changed in place.
         settings: ``batch_size`` and ``learning_rate`` are those of the imitation.
         generator: random generator whose seed is used.
@@ -269,7 +269,7 @@ class ValueLearner:
         ends[-1] = torch.where(self._uniform(count) < 0.2, fresh[-1], ends[-1])
         state = torch.where(self._uniform(count) < _GOES_ON, ends, fresh)
         # The cost of a command at random is no value, but where it leads to is a state like others.
-        other = (self._uniform(count, self.engine.craft.thruster_count) < 0.25).to(state.dtype)
+        other = (self._uniform(count, self.engine.craft.command_count) < 0.25).to(state.dtype)
         disturbed = self.greedy.outcomes(state, other[None])[3:, 0]
         state = torch.where(self._uniform(count) < 0.25, disturbed, state)
         periods = []
@@ -355,17 +355,19 @@ class ValueLearner:
             least = regret.argmin(dim=0)[None, :, None].expand(1, -1, patterns.shape[2])
             label = patterns.gather(0, least)[0]
             mode = network.evaluate_seen(columns).policy.mode()
-            command = torch.where(own, mode, label).gather(1, order)
+            command = torch.where(own, engine.commands(mode), label).gather(1, order)
             acted = Acted(command, slot.log_prob, slot.value, command, None)
             unit = _DECIDED * (1.0 + self.problem.price(state))
-            labels = columns, patterns.transpose(0, 1).bool(), (regret / unit).T
+            # Of valves in the memory of truth values.
+            kind = patterns.dtype if engine.craft.wheels else torch.bool
+            labels = columns, patterns.transpose(0, 1).to(kind), (regret / unit).T
             if not self._labels:
                 self._labels = [x.new_empty(_LABELLED * self.n_steps, *x.shape) for x in labels]
             for kept, x in zip(self._labels, labels, strict=True):
                 kept[self._labelled % len(kept)] = x
             self._labelled += 1
             network.update_statistics(columns[None])
-            step = engine.step(engine.commands(command))
+            step = engine.step(command)
             remember(observation, acted, None, step, slot, rollout)
             observation = step.observation
 
@@ -391,8 +393,12 @@ class ValueLearner:
         logit = policy.logit if hasattr(policy, "logit") else _GAIN * (policy.mean - 0.5)
         # The probability that the policy opens one of the patterns, those that cost more counting less: of two that
         # are as good it may have either, and never what lies between them.
-        side = 1.0 - 2.0 * patterns
-        likely = -functional.softplus(side * logit[:, None]).sum(dim=2)
+        count = self.engine.craft.thruster_count
+        side = 1.0 - 2.0 * patterns[..., :count]
+        likely = -functional.softplus(side * logit[:, None, :count]).sum(dim=2)
+        if self.engine.craft.wheels:
+            off = policy.mean[:, None, count:] - (0.5 + 0.5 * patterns[..., count:])
+            likely = likely - (_GAIN * off).square().sum(dim=2)
         loss = -torch.logsumexp(likely - regrets, dim=1).mean()
         return self.adam.descend(loss, math.inf, self.engine.processes)
 
@@ -521,9 +527,10 @@ class Value(Algorithm):
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
         """Config for flights to a pose at every trade-off, on a GPU; without one the agent for any craft is better.
 
-        In space of on/off thrusters that turn the craft finely: others are held by fewer policies.
+        In space of on/off thrusters that turn the craft finely: others are held by fewer policies. None of craft
+        with wheels, of which no fit on a GPU has been judged.
         """
-        fits = suits(craft) and type(config.settings) in POSES
+        fits = suits(craft) and not craft.wheels and type(config.settings) in POSES
         if not fits or config.device.startswith("cpu"):
             return None
         if craft.dimension == 3:

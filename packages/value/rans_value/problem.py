@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from dataclasses import replace
 from typing import Any
 
 import torch
@@ -72,7 +73,7 @@ class PoseProblem:
     """Least cost of flights of a craft to a pose.
 
     Args:
-        craft: craft with thrusters and nothing else.
+        craft: craft with thrusters and, in the plane, wheels.
         task: flight whose errors, limits and ends depend on the state relative to the goal.
         timing: control period, checks and length of a flight.
         position_tolerance: tolerance in flight, m, that of the task or finer; None: that of the task.
@@ -100,9 +101,8 @@ class PoseProblem:
         self._widths = [(usual | tolerances)[name] for name in ("position", *usual)]
         self._resting = aims(task) - tolerances.keys()
         # Authority: force and torque in the weakest direction.
-        forces, torques = torch.tensor(craft.wrench_map, dtype=torch.float64).tensor_split(
-            (craft.dimension,), 1
-        )
+        columns = torch.tensor(craft.wrenches_either_way.T)
+        forces, torques = columns.tensor_split((craft.dimension,), 1)
         self.force = _weakest(forces)
         self.acceleration = self.force / craft.mass
         moments = torch.tensor(craft.inertia, dtype=torch.float64).diagonal()[-torques.shape[1] :]
@@ -120,26 +120,32 @@ class PoseProblem:
         steps = kicks.abs().where(kicks.abs() > 1e-9, math.inf).amin(dim=0)
         self.spin_steps = [float(step) for step in steps]
         self._is_coarse = craft.dimension == 2 and self.spin_steps[0] * self.period > _COARSE
-        self.phases = 2 * (len(steps) + self._is_coarse)
-        """Inputs of the value function, before the last three, that are sines and cosines between such spins."""
+        self.phases = craft.wheel_count or 2 * (len(steps) + self._is_coarse)
+        """Inputs of the value function, before the last three: sines and cosines between such spins, or momenta of
+        wheels, which stop any."""
         self._kicks = kicks.float()
-        self.rows = (7 if craft.dimension == 2 else 14) + self.frame.turns
+        self.rows = (7 if craft.dimension == 2 else 14) + self.frame.turns + craft.wheel_count
         limits = self.frame.margins(torch.zeros(self.rows))
         self.limits = 4 * len(limits) + 2 * self.frame.turns
         """Inputs of the value function, before the phases, of limits and of goals that turn."""
         self.numbers = 2 + 2 * craft.dimension + len(steps) + len(forces)
         """Random numbers of a state near the goal."""
         self._thrust = [thruster.force / self.force for thruster in craft.thrusters]
-        views = symmetries(craft)
-        own = (torch.eye(self.dimension)[None], torch.ones(1), torch.arange(len(forces))[None])
+        # In the plane wheels turn the craft alike on all sides.
+        views = symmetries(replace(craft, wheels=()))
+        valves = torch.arange(craft.thruster_count)[None]
+        own = torch.eye(self.dimension)[None], torch.ones(1), valves
         sides = own if views is None else views.tensors_like(torch.zeros(1))
         kept = [self.frame.is_symmetric(*side) for side in zip(*sides[:2], strict=True)]
-        self.turn, self.hand, self.place = (x[torch.tensor(kept)] for x in sides)
+        self.turn, self.hand, place = (x[torch.tensor(kept)] for x in sides)
+        wheels = torch.arange(craft.thruster_count, craft.command_count)
+        self.place = torch.cat((place, wheels.expand(len(place), -1)), dim=1)
         # Several patterns of the same effect would be labels that no independent valves can imitate.
         shared = craft.thrust_sharing == "split"
         different = subsets(craft.wrench_map, shared, 0.0, _ENUMERATED)
-        self.patterns = torch.as_tensor(different.opened).float()
-        """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse."""
+        opened = torch.as_tensor(different.opened).float()
+        self.patterns = functional.pad(opened, (0, craft.wheel_count))
+        """Patterns (C, n) of open valves whose effects differ, of equal ones that of least impulse; wheels rest."""
 
     def with_parameters(self, state: Tensor) -> Tensor:
         """States (rows, N) with what differs from flight to flight, here nothing, see `VariedProblem`."""
@@ -282,7 +288,7 @@ class PoseProblem:
         at_rest = torch.cat((braked, state[self.dimension :]))
         for margin in (*self.frame.margins(state), *self.frame.margins(at_rest)):
             columns += [margin / self.range, torch.tanh(margin / (_MARGINS * self.range))]
-        # Where between the spins and headings that pulses can reach.
+        # How full wheels are, or where between the spins and headings that pulses can reach.
         if self.frame.turns:
             w = w + rest[:1]
             columns += [rest[0] / self.spin_steps[0], *(w / self.spin_steps[0])]
@@ -290,7 +296,10 @@ class PoseProblem:
         if self._is_coarse:
             between = self.spin_steps[0] * self.period
             lattice.append((attitude[0] - 0.5 * self.period * w[0], between))
-        for place, step in lattice:
+        wheels = self.craft.wheels
+        momenta = zip(rest[self.frame.turns :], wheels, strict=False)
+        columns += [momentum / wheel.max_momentum for momentum, wheel in momenta]
+        for place, step in () if wheels else lattice:
             phase = (2 * math.pi / step) * place
             columns += [phase.sin(), phase.cos()]
         # The trade-off.
@@ -302,7 +311,8 @@ class PoseProblem:
         """States around the goal at random scales in place of states (rows, N), from numbers in [0, 1).
 
         The numbers are (`numbers`, N). Spins are sums of whole pulses, those of a craft that began at rest, for all
-        but a tenth: others allow no rest. States in which the flight is over stay those that were given.
+        but a tenth: without wheels others allow no rest. States in which the flight is over stay those that were
+        given.
         """
         rest = parted(state)[-1]
         kicks = self._kicks.to(uniform.device)
@@ -313,7 +323,9 @@ class PoseProblem:
         turn = turn * scale.sqrt() * math.pi
         most = 2.0 * math.sqrt(self.angular_acceleration * axes) / kicks.norm()
         pulses = most * scale * pulses
-        w = kicks.T @ torch.where(uniform[1] < 0.9, pulses.round(), pulses)
+        w = kicks.T @ torch.where(
+            uniform[1] < (0.0 if self.craft.wheels else 0.9), pulses.round(), pulses
+        )
         if self.frame.turns:
             w = w - rest[:1]
         if self.dimension == 3:

@@ -54,6 +54,9 @@ def commands(count: int = 8) -> Tensor:
     return (torch.rand(64, count, generator=torch.Generator().manual_seed(1)) < 0.5).float()
 
 
+WHEELED = "roboran-platform"
+"""Of a shared supply, with a wheel."""
+
 # Near the port, whose cone looks the same in a mirror alone, and of which each turns at its own rate.
 PORT = TASKS["dock-port"](
     spawn_distance=(0.66, 0.9),
@@ -68,13 +71,19 @@ PORT = TASKS["dock-port"](
 
 @pytest.mark.parametrize(
     ("spacecraft", "task", "sides"),
-    [("floating-platform", TASK, 8), ("free-flyer", TASK, 16), ("floating-platform", PORT, 2)],
+    [
+        ("floating-platform", TASK, 8),
+        ("free-flyer", TASK, 16),
+        ("floating-platform", PORT, 2),
+        (WHEELED, TASK, 8),
+        (WHEELED, PORT, 2),
+    ],
 )
 def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(spacecraft, task, sides):
     made = learner(load_spacecraft(spacecraft), task)
     problem = made.problem
     assert len(problem.turn) == sides
-    command = commands(made.engine.craft.thruster_count)
+    command = commands(made.engine.craft.command_count)
     ended = torch.zeros(2)
     for _ in range(3):  # a craft that turns and moves
         before = made.states()
@@ -91,6 +100,7 @@ def test_the_model_is_that_of_the_engine_and_looks_the_same_from_all_sides(space
     assert (ended > 0).all() == (task is PORT)
     for turn, hand, place in zip(problem.turn, problem.hand, problem.place, strict=True):
         placed = torch.zeros_like(command).scatter(1, place.expand(64, -1), command)
+        placed[:, made.engine.craft.wheel_commands] *= hand
         seen, _, _ = problem.step(equivalent(before, turn, hand), placed)
         assert difference(seen, equivalent(after, turn, hand)) < 1e-4  # rounding
 
@@ -159,13 +169,40 @@ def test_commands_cost_at_most_what_they_promise():
     assert (of_two(ahead) <= of_two(command) + 1e-5).all()
 
 
-def test_pulsed_thrusters_are_opened_in_part_where_that_costs_less():
-    greedy = learner(load_spacecraft("atmos")).greedy
+@pytest.mark.parametrize("spacecraft", ["atmos", WHEELED])
+def test_pulsed_thrusters_are_opened_in_part_and_wheels_turned_where_that_costs_less(spacecraft):
+    greedy = learner(load_spacecraft(spacecraft)).greedy
     state = torch.rand(greedy.problem.rows, 64, generator=torch.Generator().manual_seed(1))
     patterns, (costs, *_) = greedy.best(state, 1)
     whole = greedy.outcomes(state, greedy.problem.patterns[:, None])[0].amin(dim=0)
-    partly = ((patterns > 0.0) & (patterns < 1.0)).any(dim=1)
+    # The patterns that are tried are the best, also of valves that share a supply.
+    assert (costs <= whole + 0.02).all()
+    partly = ((patterns != 0.0) & (patterns != 1.0)).any(dim=1)
     assert (costs[partly] < whole[partly]).any()
+
+
+def test_a_full_wheel_only_slows_down_and_values_can_tell():
+    problem = PoseProblem(load_spacecraft(WHEELED), TASK, Timing())
+    state = torch.zeros(8, 2)
+    state[6, 1] = 0.7
+    after = problem.step(state, torch.eye(9)[[8, 8]])[0]
+    assert after[6].tolist() == pytest.approx([0.02, 0.7])
+    assert problem.features(state).diff(dim=0).any()
+
+
+def test_a_policy_imitates_valves_and_torques():
+    made = learner(load_spacecraft(WHEELED))
+    made._fly()
+    columns, patterns, regret = (x[: made.n_steps].flatten(0, 1) for x in made._labels)
+    # Always the same command costs least.
+    patterns[:, 0] = torch.tensor([1.0, 0, 0, 1, 0, 0, 0, 0, -0.5])
+    regret[:, 0] = -30.0
+    made._batch = [columns, patterns, regret]
+    made.adam.rate.fill_(1e-2)
+    for _ in range(200):
+        made._descend()
+    command = made.engine.commands(made.network.evaluate_seen(columns).policy.mode())
+    torch.testing.assert_close(command, patterns[:, 0], rtol=0.0, atol=0.1)
 
 
 def test_labels_are_costs_above_the_best_of_two_periods():
@@ -333,11 +370,11 @@ def test_training_makes_flights_cheaper_and_they_stay_at_the_goal():
     assert held > 0.8
 
 
-def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypatch):
-    config = TrainConfig(
+def tiny(spacecraft: str) -> TrainConfig:
+    return TrainConfig(
         "go-to-pose-priced",
         replace(TASK, trade_off=(0.3, 0.3)),
-        "floating-platform",
+        spacecraft,
         PPO,
         Timing(episode_steps=8),
         algorithm="value",
@@ -345,6 +382,10 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
         total_timesteps=4 * 64 * 4,
         solved_share=None,
     )
+
+
+def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypatch):
+    config = tiny("floating-platform")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr("rans_value.learner._BEGUN", 1)
     Path("runs/other").mkdir(parents=True)
@@ -385,6 +426,22 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
         GreedyController(run.path)
 
 
+def test_a_craft_with_a_wheel_flies_by_its_run(tmp_path, monkeypatch):
+    monkeypatch.setattr("rans_value.learner._BEGUN", 1)
+    craft = load_spacecraft(WHEELED)
+    config = tiny(WHEELED)
+    run = RunFolder(tmp_path)
+    run.begin(config, "test")
+    Trainer(config, craft, run).train(ignore)
+    controller = GreedyController(tmp_path)
+    flight = fly(craft, TASK, controller, scenarios(TASK, craft, 0, 4), config.timing)
+    (momentum,) = flight.states.stores
+    assert momentum[-1] == pytest.approx(0.02 * flight.commands[..., 8].sum(axis=0))
+    assert momentum.any()
+    # It estimates nothing of such craft.
+    assert controller.expecting(LAB)._belief is None
+
+
 def test_other_craft_and_conditions_are_refused():
     with pytest.raises(ConfigError, match="no such craft"):
         learner(load_spacecraft("cubesat-3u"))
@@ -408,6 +465,7 @@ def test_the_best_quality_on_a_gpu_is_this_algorithm_where_it_can_fly(monkeypatc
     for spacecraft, device, algorithm in (
         ("atmos", "cuda", "value"),
         ("atmos", "cpu", "ppo"),
+        (WHEELED, "cuda", "ppo"),
         ("free-flyer", "cuda", "ppo"),  # a pulse turns it too far
     ):
         assert best(spacecraft, device=device).algorithm == algorithm
