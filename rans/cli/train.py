@@ -166,7 +166,6 @@ class Train(Options):
 
         if self.device != "cpu":
             open_ahead()
-        compile_in_this_process()
         with doing("preparing the training", in_log=False):
             trainer = self._trainer()
         if not trainer.processes.is_first:
@@ -271,15 +270,6 @@ def trust_option(config: TrainConfig, craft: Spacecraft) -> list[str]:
     # Files of a run have the spacecraft itself, so that nothing loads the one that its config names.
     named = (config.task, config.algorithm, expert, *kinds)
     return ["--trust"] if any(":" in name for name in named) else []
-
-
-def compile_in_this_process() -> None:
-    """Make torch's compiler run in this process instead of one worker per core, unless the user sets their number.
-
-    Workers take 2 to 5 s to start on a machine with an H200 and 16 cores. With a warm cache they are not needed,
-    and with a cold one compilation takes 3 s longer without them.
-    """
-    os.environ.setdefault("TORCHINDUCTOR_COMPILE_THREADS", "1")
 
 
 def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str:

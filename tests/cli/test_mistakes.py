@@ -117,7 +117,6 @@ def test_a_training_is_refused_before_anything_is_prepared(typed, sentence, here
     def prepared(*_):
         pytest.fail("it is prepared before it is refused")
 
-    monkeypatch.setattr("rans.cli.train.compile_in_this_process", prepared)
     monkeypatch.setattr("rans.fast.device.open_ahead", prepared)
     with pytest.raises(ConfigError, match=sentence):
         cli._parse(["train", *typed.split()]).run()

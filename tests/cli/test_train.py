@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import json
-import os
 import re
 import shlex
 import signal
@@ -14,7 +13,7 @@ from rans_any_craft import imitation
 from torch import Tensor
 
 from rans.cli import main, train
-from rans.cli.train import StopGently, Train, compile_in_this_process
+from rans.cli.train import StopGently, Train
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, read_config
@@ -26,23 +25,12 @@ from tests.support.training import weights
 
 @pytest.fixture(autouse=True)
 def _elsewhere(tmp_path, monkeypatch) -> None:
-    """Runs go to a folder of the test's own, and what the command sets ends with it."""
+    """Runs go to a folder of the test's own."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "1")
 
 
 def trained(run: str) -> Tensor:
     return weights(read_policy(RunFolder(Path(run)).agent_file).network)
-
-
-@pytest.mark.usefixtures("undrawn")
-def test_the_compiler_starts_no_workers_unless_told_to(monkeypatch):
-    monkeypatch.setenv("TORCHINDUCTOR_COMPILE_THREADS", "4")
-    compile_in_this_process()
-    assert os.environ["TORCHINDUCTOR_COMPILE_THREADS"] == "4"
-    monkeypatch.delenv("TORCHINDUCTOR_COMPILE_THREADS")
-    assert main(tiny(total_timesteps=128)) == 0
-    assert os.environ["TORCHINDUCTOR_COMPILE_THREADS"] == "1"
 
 
 def test_a_run_folder_is_left(capsys):

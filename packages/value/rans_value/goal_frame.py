@@ -99,7 +99,8 @@ class GoalFrame:
         # All goals are seen as one of them: from axes in which it has no heading, its place is this.
         aim: Any = map_leaves(lambda x: float(x[0]), goals)
         self._goal: Any = aim
-        self._place = aim.attitude.inverse().rotate(aim.p).columns()
+        # Numbers of Python, as torch's compiler begins anew once it has traced a gradient with those of NumPy.
+        self._place = tuple(map(float, aim.attitude.inverse().rotate(aim.p).columns()))
         self.turns = craft.dimension == 2 and bool(goals.w.any())
         """Whether there are goals that turn."""
         self._lever = (0.0, 0.0)

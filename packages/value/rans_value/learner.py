@@ -159,7 +159,6 @@ class ValueLearner:
             fused=True,
             capturable=device.type == "cuda",
         )
-        self._value_of = fused(self.average.forward, device)
         self._loss = fused(self._loss_of, device)
         sides = (self.problem.turn, self.problem.hand, self.problem.place)
         self._turn, self._hand, self._place = (x.to(device) for x in sides)
@@ -280,7 +279,7 @@ class ValueLearner:
         # Errors of the fit are averaged over all sides: the least of costs with errors is too low.
         turn, hand = (x.repeat_interleave(count, dim=0) for x in (self._turn, self._hand))
         seen = equivalent(state.repeat(1, len(self._turn)), turn, hand)
-        target = self._value_of(seen).view(-1, count).mean(dim=0)
+        target = self.average(seen).view(-1, count).mean(dim=0)
         # Flights that are over, or never come to rest, begin anew.
         most = _LOST * self.problem.scale * (1.0 + self.problem.price(state))
         goes_on = (target < most) & ~self.problem.frame.is_over(state)
