@@ -559,6 +559,8 @@ def reading(file: Path) -> Iterator[Any]:
     content = read_json_lines(file) if file.suffix == ".jsonl" else read_json(file)
     try:
         yield content
+    except RansError as error:  # such as a name in a registry
+        raise ConfigError(f"{file}: {error}") from error
     except (
         ArithmeticError,
         AttributeError,
@@ -568,9 +570,7 @@ def reading(file: Path) -> Iterator[Any]:
         ValueError,
     ) as error:
         reason = "a value is missing, or of another kind or size than it must be"
-        if isinstance(error, RansError):  # such as a name in a registry
-            reason = str(error).rstrip(".")
-        elif isinstance(error, KeyError):
+        if isinstance(error, KeyError):
             reason = f"there is no {brief(error.args[0])}"
         raise ConfigError(
             f"{file} is not what RANS writes there: {reason}. It was probably edited by hand, or is of another "

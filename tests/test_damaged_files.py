@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import contextlib
 import shutil
 from pathlib import Path
 
 import pytest
 
 import rans
-from rans import ConfigError, GoToPose
+from rans import GoToPose
 from rans.deploy.export import write_export
 from rans.episode import Setup
-from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import load_exported
-from rans.evaluation.fly.tuned import Tuned, arguments
+from rans.evaluation.fly.tuned import OWN, tuned
 from rans.fast.learn.run_folder import RunFolder
 from rans.files import write_json
 from rans.pretrained import pretrained_folder
@@ -58,17 +56,16 @@ def test_results(name, tmp_path):
     check([tmp_path / name], lambda: report_from_run(tmp_path).write(page), 2)
 
 
-def test_tuned_settings(tmp_path):
-    file = Path(shutil.copy(TUNED, tmp_path / "lqr.json"))
+def test_tuned_settings(here):
+    OWN.mkdir(parents=True)
+    file = Path(shutil.copy(TUNED, OWN / "lqr.json"))
     setup = Setup(rans.load_spacecraft("floating-platform"), GoToPose(), rans.Timing())
 
     def read():
-        tuned = Tuned.read(file)
-        tuned.fits("lqr", setup)
-        tuned.outlasts(tuned)
-        tuned.budget()
-        with contextlib.suppress(ConfigError):  # which names the setting
-            arguments(CONTROLLERS["lqr"], tuned.settings)
+        found = tuned("lqr", setup)
+        assert found is not None
+        found.outlasts(found)
+        found.budget()
 
     check([file], read, 3)
 

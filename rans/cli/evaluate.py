@@ -101,17 +101,27 @@ class Evaluate(Options):
             )
 
     def _show(self, file: Path, run: LoadedRun, flight: Flight) -> None:
-        """Measure, print and write flights."""
+        """Measure, write and print flights."""
         from rans.evaluation.fly.evidence import about
         from rans.evaluation.measure.aggregate import ROOM, measure, save_episodes
         from rans.show.pages.report import evaluation_page
 
         metrics = measure(flight)
+        # Numbers first, then flights and page beside them, before what cannot be printed; figures take seconds.
+        suffix = file.stem.removeprefix("evaluation")
+        results = {
+            self.engine: metrics.to_json(),
+            "conditions": self._conditions(run, flight.commands.shape[1]),
+            "about": about(str(self.agent), run.judged, "rans.evaluate"),
+        }
+        write_json(file, results, [f"episodes{suffix}.npz", f"episode{suffix}.svg"])
+        save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
+        page = evaluation_page([metrics], flight, command_line())
+        page.write(inside(file.parent, f"evaluation{suffix}.html"))
         console = Terminal(room=ROOM)
         if run.conditions is not None:
             console.print(f"Conditions: {self._named_conditions(run.conditions)}.")
         console.table(metrics.table(console.width, self.full))
-        results: dict[str, Any] = {self.engine: metrics.to_json()}
         if text := self.agent.shortfall(
             metrics["solved"].value,
             run,
@@ -119,14 +129,6 @@ class Evaluate(Options):
             self.changed("guard", "protocol", "period"),
         ):
             Terminal().say(text)
-        # Numbers first, then page, flights and figures beside them.
-        suffix = file.stem.removeprefix("evaluation")
-        results["conditions"] = self._conditions(run, flight.commands.shape[1])
-        results["about"] = about(str(self.agent), run.judged, "rans.evaluate")
-        write_json(file, results, [f"episodes{suffix}.npz", f"episode{suffix}.svg"])
-        save_episodes(flight, file.with_name(f"episodes{suffix}.npz"), self.full)
-        page = evaluation_page([metrics], flight, command_line())
-        page.write(inside(file.parent, f"evaluation{suffix}.html"))
         if is_installed("matplotlib"):
             from rans.show.figures.figures import save_flight_figures
 

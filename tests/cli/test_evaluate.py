@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import errno
 import json
 import shutil
 from dataclasses import replace
@@ -203,3 +204,26 @@ def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text, command
 def test_what_judges_a_flight_says_why_flights_are_lost(options, run_folder, ran):
     said = ran(options[0], str(run_folder), *options[1:])
     assert f"Next: rans view {run_folder}" in said
+
+
+@pytest.mark.usefixtures("here", "undrawn")
+@pytest.mark.parametrize(
+    ("line", "file"),
+    [
+        ("evaluate lqr:go-to-pose-2d --episodes 2", "evaluation.json"),
+        ("follow lqr:track-velocity-2d --episodes 1", "evaluation-circle.json"),
+        ("optimal go-to-pose --episodes 1", "optimal.json"),
+        ("optimal land --episodes 1", "optimal.json"),
+        ("validate --quick --layer thrusters --output out", "validation.json"),
+    ],
+)
+def test_results_are_written_before_they_are_printed(line, file, monkeypatch, capsys):
+    """As with ``> /dev/full``, where they cannot be."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("rans.terminal.Terminal.table", full)
+    assert main(line.split()) == 2
+    assert "the disk is full" in capsys.readouterr().err
+    assert [*Path().rglob(file)]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import arg
 
@@ -19,7 +19,6 @@ from validation.functions import benchmark
 
 if TYPE_CHECKING:
     from validation.speed.measurement import Measurement
-    from validation.speed.ratios import Ratio
 
 
 @command_of(
@@ -83,6 +82,15 @@ class Benchmark(Options):
         ratios = list(bounds(measured))
         name = torch.cuda.get_device_name(device) if device.startswith("cuda") else "CPU"
         about = environment() | {"device": name, "threads": str(torch.get_num_threads())}
+        if self.output is not None:
+            content = {
+                "ratios": [asdict(r) for r in ratios],
+                "measurements": [asdict(m) for m in measured],
+                "environment": about,
+                "command": command_line(),
+            }
+            write_json(self.output, content)
+            console.say(f"Written to {self.output}.")
         # The first column of a table is not broken, and names are long.
         console.table(
             Table(
@@ -93,27 +101,8 @@ class Benchmark(Options):
         )
         columns = ("", "measurement", "value", "unit")
         console.table(Table(columns, [_measured(m) for m in measured]))
-        if self.output is not None:
-            self._write(self.output, about, measured, ratios)
-        elif self.quick:
+        if self.output is None and self.quick:
             console.suggest("rans benchmark --output speed.json")
-
-    def _write(
-        self,
-        file: Path,
-        about: dict[str, str],
-        measured: list[Measurement],
-        ratios: list[Ratio],
-    ) -> None:
-        """Write figures and machine as JSON."""
-        content: dict[str, Any] = {
-            "ratios": [asdict(r) for r in ratios],
-            "measurements": [asdict(m) for m in measured],
-            "environment": about,
-            "command": command_line(),
-        }
-        write_json(file, content)
-        Terminal().say(f"Written to {file}.")
 
 
 def _hardware(about: dict[str, str]) -> str:

@@ -51,6 +51,9 @@ class Validate(Options):
         if self.output is not None:
             ready_folder(self.output)
         report: Study = self.call()
+        if self.output is not None:
+            report.write(self.output / "validation.json")
+            console.print(f"Written to {self.output / 'validation.json'}.")
         console.table(report.layers() if self.layer is None else report.table())
         failed = [check for check in report.checks if not check.passed]
         for check in failed:
@@ -62,9 +65,6 @@ class Validate(Options):
         total = len(report.checks)
         seconds = report.settings["seconds"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
-        if self.output is not None:
-            report.write(self.output / "validation.json")
-            console.print(f"Written to {self.output / 'validation.json'}.")
         if report.is_partial:
             raise KeyboardInterrupt
         nothing = not total and report.skipped
@@ -88,12 +88,12 @@ class Validate(Options):
         if self.output is not None:
             ready_folder(self.output)
         rows = judged()
-        console.table(table(rows))
-        agreed = sum(row.passed for row in rows)
-        console.print(f"{agreed} of {len(rows)} judges agree within their bounds.")
         if self.output is not None:
             made = {"command": made_by("rans.validate"), "environment": environment()}
             cases = [row.to_json() for row in rows]
             write_json(self.output / "judges.json", made | {"cases": cases})
             console.print(f"Written to {self.output / 'judges.json'}.")
+        console.table(table(rows))
+        agreed = sum(row.passed for row in rows)
+        console.print(f"{agreed} of {len(rows)} judges agree within their bounds.")
         return 0 if agreed == len(rows) else 1

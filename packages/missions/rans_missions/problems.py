@@ -49,9 +49,9 @@ def transfers(command: Any, craft: Spacecraft, task: Task) -> int:
         until = f" by {deadline:g} s"
     starts = scenarios(mission, craft, EVALUATION_SEED, command.episodes)
     found = command.with_progress("bounds", lambda step: least(craft, mission, starts, step))
-    Terminal().table(found.table(f"least impulse: {command.task} with {craft.name}{until}"))
     about = {"command": command.command_line()}
     write_json(folder / "optimal.json", about | found.to_json(), beside=())
+    Terminal().table(found.table(f"least impulse: {command.task} with {craft.name}{until}"))
     lost = int((~np.isfinite(found.upper)).sum())
     Terminal().say(
         f"{len(found.upper) - lost} of {len(found.upper)} solved and flown in both engines. Written to "
@@ -81,7 +81,6 @@ def landings(command: Any, craft: Spacecraft, task: Task) -> int:
         f"least propellant to land {where}: {command.task} with {craft.name}, turned at once, thrust held for "
         f"{task.timing.control_period:g} s"
     )
-    Terminal().table(landing_table(title, answers))
     # Files, and how many are solved.
     about = {
         "command": command.command_line(),
@@ -93,6 +92,7 @@ def landings(command: Any, craft: Spacecraft, task: Task) -> int:
         "starts": [answer.to_json() for answer in answers],
     }
     write_json(folder / "optimal.json", about, beside=())
+    Terminal().table(landing_table(title, answers))
     lost = sum(not answer.good for answer in answers)
     Terminal().say(
         f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to "

@@ -131,8 +131,6 @@ class Optimal(Options):
                 "optimal trajectories",
                 lambda step: optima(craft, task, objective, starts, None, progress=step),
             )
-            title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
-            Terminal().table(optima_table(title, objective, answers))
         bounds: list[Bound] = []
 
         def write_all() -> None:
@@ -140,8 +138,11 @@ class Optimal(Options):
                 about["bounds"] = [asdict(bound) for bound in bounds]
             write(folder, about, answers, craft)
 
-        # Before all that takes long and may be interrupted.
+        # Before all that takes long, may be interrupted or cannot be printed.
         write_all()
+        if not reason:
+            title = f"{objective.name}: {self.task} with {craft.name}, thrust between 0 and 1"
+            Terminal().table(optima_table(title, objective, answers))
         flights = [replace(x.flight, first=k) for k, x in enumerate(answers) if x.flight]
         if flights:
             replay = Replay(flights[:_REPLAYED], f"{objective.name}: {self.task}")

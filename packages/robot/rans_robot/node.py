@@ -509,7 +509,10 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
             f"{bag} is replayed by the agent.py in {brief(plan.folder)}, which is code: add --trust if the flight "
             "is yours; from Python, call rans.trust_files() first."
         )
-    pilot = MessagePilot(plan, planned_task(plan))
+    try:
+        pilot = MessagePilot(plan, planned_task(plan))
+    except ConfigError as error:
+        raise ConfigError(f"{bag}, {FLIGHT_TOPIC}: {error}") from error
     outputs = pilot.interface.outputs
     decisions = 0
     equal = 0

@@ -12,7 +12,7 @@ from rans_robot.messages import TEXT, text_message
 from rans_robot.node import FLIGHT_TOPIC, replay_bag
 from rans_robot.pilot import MessagePilot
 
-from rans import GoToPose
+from rans import ConfigError, GoToPose
 from tests.support.damage import check
 from tests.support.robots import AWAY, bag_of, plan
 
@@ -40,6 +40,10 @@ def test_bags(mine):
     assert replay_bag(bag).decisions == 5
     check([bag], lambda: [*bag_entries(bag)], 12)
     check([bag], lambda: replay_bag(bag), 0.5)
+    bag.unlink()
+    rows[0] = rows[0]._replace(data=text_message(about.replace("{}", '{"position_tolerance": -1}')))
+    with pytest.raises(ConfigError, match=rf"{bag}.*position_tolerance"):
+        replay_bag(bag_of(Path(), rows))
 
 
 @pytest.mark.slow

@@ -205,8 +205,10 @@ class Newest(GreedyController):
         for file in (*newest, *SHIPPED.glob("*/config.json")):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
-            with suppress(ConfigError), reading(file) as table:
-                if table["algorithm"] != "value" or not run.has_checkpoint:
+            with suppress(ConfigError):
+                with reading(file) as table:
+                    is_one = table["algorithm"] == "value"
+                if not (is_one and run.has_checkpoint):
                     continue
                 config = run.config()
                 if (

@@ -11,6 +11,7 @@ from typing import Any, TypedDict
 
 from rans.episode import Setup
 from rans.errors import ConfigError, is_finite
+from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.files import distinct, inside, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label, to_toml
@@ -118,12 +119,15 @@ def tuned(name: str, setup: Setup) -> Tuned | None:
     """
     own = sorted(OWN.glob("*.json"), key=lambda file: file.lstat().st_mtime, reverse=True)
     shipped = sorted(SHIPPED.glob("*.json"))
-    read = map(Tuned.read, [*own, *shipped])
-    fitting = [candidate for candidate in read if candidate.fits(name, setup)]
-    own_conditions = text_of_conditions(setup)
-    return next(
-        (candidate for candidate in fitting if candidate.conditions == own_conditions), None
-    ) or next(iter(fitting), None)
+    read = {file: Tuned.read(file) for file in (*own, *shipped)}
+    fitting = [file for file in read if read[file].fits(name, setup)]
+    for file in sorted(fitting, key=lambda file: not read[file].conditions):
+        try:
+            arguments(CONTROLLERS[name], read[file].settings)
+        except ConfigError as error:
+            raise ConfigError(f"{file}: {error}") from error
+        return read[file]
+    return None
 
 
 def text_of_conditions(setup: Setup) -> str:

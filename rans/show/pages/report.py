@@ -144,14 +144,10 @@ def solved_share(run: Path) -> float | None:
 
     None: neither has been written. `ConfigError` if a file is damaged.
     """
-    measured = _read(run / "evaluation.json", _measured)
+    measured = _read(run / "evaluation.json", lambda result: [*_find_metrics(result)])
     if measured and "solved" in measured[0]:
         return measured[0]["solved"].value / 100.0
     return _read(run / "metrics.jsonl", lambda rows: float(rows[-1]["success"]))
-
-
-def _measured(result: Any) -> list[Metrics]:
-    return [*_find_metrics(result)]
 
 
 def _read(file: Path, build: Callable[[Any], Any]) -> Any:
@@ -210,9 +206,14 @@ def _curves(curves: Sequence[Mapping[str, Any]]) -> Iterator[Chart]:
         yield Chart(over or "size", quantity, series, f"{title}.", logarithmic="xy")
 
 
-def training_section(rows: Sequence[Mapping[str, Any]], name: str, method: Any) -> Section:
-    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys."""
+def training_section(rows: Sequence[Mapping[str, Any]], name: str, method: Any) -> Section | None:
+    """Learning curve from the lines of ``metrics.jsonl`` of a run; see `learning_charts` for their keys.
+
+    None for rows of many trainings, as the sweeps of version 0.3 wrote them.
+    """
     last = rows[-1]
+    if "member" in last:
+        return None
     hero = ""
     if {"success", "steps"} <= last.keys():
         hero = (

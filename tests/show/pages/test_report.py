@@ -327,3 +327,6 @@ def test_notes_of_a_package_leave_the_headline_to_the_training(tmp_path, monkeyp
     (tmp_path / "metrics.jsonl").write_text(json.dumps({"steps": 2000, "success": 0.75}))
     hero = report_from_run(tmp_path).hero
     assert "75.0% of its last episodes in training, after 2,000 steps" in hero
+    row = {"steps": 2000, "success": 0.75, "member": 1}  # of a sweep of version 0.3
+    (tmp_path / "metrics.jsonl").write_text(json.dumps(row))
+    assert report_from_run(tmp_path).hero == ""

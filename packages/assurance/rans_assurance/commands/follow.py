@@ -44,9 +44,9 @@ class Follow(Options):
         folder = ready_folder(ContestantName.parse(self.agent).output_folder)
         file = inside(folder, "evaluation-circle.json")
         found = follow(self.agent, episodes=self.episodes, seed=EVALUATION_SEED)
-        console = Terminal()
-        console.table(found.table(console.width))
         about = {"command": self.command_line(), "seed": EVALUATION_SEED}
         write_json(file, {found.engine: found.to_json()} | about, beside=())
+        console = Terminal()
+        console.table(found.table(console.width))
         console.say(f"Written to {file}.")
         return 0

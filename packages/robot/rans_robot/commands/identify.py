@@ -42,7 +42,7 @@ class Identify(Options):
         ready_folder(self.output)
         with doing("identifying: the flights are predicted for every candidate"):
             result = identify(self.logs, self.spacecraft, self.robot, namespace=self.namespace)
-
+        folder = result.write(self.output)
         rows = [
             (
                 f"{row.name}, {row.unit}",
@@ -67,7 +67,6 @@ class Identify(Options):
         )
         for sentence in result.notes():
             console.say(sentence)
-        folder = result.write(self.output)
         console.say(f"Written to {folder}. Train for it:")
         spacecraft = ["--spacecraft", str(folder / "spacecraft.toml")]
         conditions = ["--conditions", str(folder / "conditions.toml")]
