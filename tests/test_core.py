@@ -167,7 +167,7 @@ MISSING = [
         ("numba", "optimal go-to-pose --certify"),
         ("onnx", "export go-to-pose-2d --format onnx --output out"),
         ("onnxruntime", "evaluate onnx:agent.onnx:go-to-pose-2d --episodes 2"),
-        ("stable_baselines3", "export go-to-pose-2d --format sb3 --output out"),
+        ("stable_baselines3", "evaluate sb3:agent.zip:go-to-pose-2d --trust --episodes 2"),
         ("rans_agents", "evaluate pretrained:dock-port-2d --episodes 2"),
         ("rans_agents", "view go-to-pose-2d-robust"),
         ("rans_agents", "list go-to-pose-2d-robust"),
