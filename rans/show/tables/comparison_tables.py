@@ -255,25 +255,38 @@ def verdict(comparison: Comparison) -> list[str]:
     reliable = [entry for entry in entries if entry.name not in losing]
     if not reliable:
         return [f"Nobody solves all of {counted(episodes, 'start')}: {lost}."]
-    # Of those whom nobody dominates, the one that dominates more, then the least product of time and impulse.
+    # Of those whom nobody dominates, the one that dominates more, then the one that is no slower than more others
+    # and cheaper, then the least product of time and impulse.
     pairs = dominations(comparison)
     beaten = {loser for _, loser in pairs}
     beats = {entry.name: [other for one, other in pairs if one == entry.name] for entry in entries}
+    signs = _signs(comparison)
+    # An agent at another trade-off is no rival.
+    as_quick = {
+        one.name: [
+            other
+            for other in reliable
+            if other.name.partition("#")[0] != one.name.partition("#")[0]
+            and signs.get((one.name, other.name)) == (0, -1)
+        ]
+        for one in reliable
+    }
     best = min(
         (entry for entry in reliable if entry.name not in beaten),
-        key=lambda entry: (-len(beats[entry.name]), np.median(_times(entry)) * entry.thrust.mean()),
+        key=lambda entry: (
+            -len(beats[entry.name]),
+            -len(as_quick[entry.name]),
+            np.median(_times(entry)) * entry.thrust.mean(),
+        ),
     )
     relations = []
     if beats[best.name]:
         relations.append(f"quicker and cheaper than {_names(beats[best.name])}")
-    signs = _signs(comparison)
-    for other in reliable:
-        is_same = other.name.partition("#")[0] == best.name.partition("#")[0]
-        if not is_same and signs[best.name, other.name] == (0, -1):
-            ratio = best.thrust.mean() / other.thrust.mean()
-            relations.append(
-                f"not significantly slower than {other.name}, at {ratio:.2f} of its impulse"
-            )
+    for other in as_quick[best.name]:
+        ratio = best.thrust.mean() / other.thrust.mean()
+        relations.append(
+            f"not significantly slower than {other.name}, at {ratio:.2f} of its impulse"
+        )
     text = "; ".join(relations) or "nobody is shown to be quicker and cheaper (95 %)"
     # Who is quicker, and who is cheaper, if time or impulse alone counts.
     ends = {

@@ -87,6 +87,7 @@ def beside(count: int = 12, /, **others: tuple[float, float]) -> Comparison:
         ({"x": (4.0, 2.0), "y": (3.0, 1.0)}, "y", "quicker and cheaper than ours and x"),
         ({"x": (6.0, 4.0)}, "ours", "quicker and cheaper than x"),
         ({"x": (5.0, 4.0)}, "ours", "not significantly slower than x, at 0.75 of its impulse"),
+        ({"x": (5.0, 4.0), "slow": (9.0, 1.5)}, "ours", "not significantly slower than x, at"),
         ({"x": (4.0, 4.0)}, "ours", "nobody is shown to be quicker and cheaper"),
         # It stays where it is, for nothing.
         ({"idle": (1e3, 0.0)}, "ours", "nobody is shown to be quicker and cheaper"),
