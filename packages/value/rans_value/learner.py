@@ -526,8 +526,8 @@ class Value(Algorithm):
     def best(cls, config: TrainConfig, craft: Spacecraft) -> TrainConfig | None:
         """Config for flights to a pose at every trade-off, on a GPU; without one the agent for any craft is better.
 
-        In space of on/off thrusters that turn the craft finely: others are held by fewer policies. None of craft
-        with wheels, of which no fit on a GPU has been judged.
+        In space of on/off thrusters that turn the craft finely: others are held by fewer policies. Those of
+        craft with wheels were imitated for half a minute only (docs/decisions/value.md).
         """
         fits = suits(craft) and not craft.wheels and type(config.settings) in POSES
         if not fits or config.device.startswith("cpu"):
