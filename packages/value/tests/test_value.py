@@ -55,7 +55,7 @@ def commands(count: int = 8) -> Tensor:
 
 
 WHEELED = "roboran-platform"
-"""Of a shared supply, with a wheel."""
+"""Planar craft whose thrusters share a supply, with a reaction wheel."""
 
 # Near the port, whose cone looks the same in a mirror alone, and of which each turns at its own rate.
 PORT = TASKS["dock-port"](
