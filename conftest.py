@@ -13,7 +13,7 @@ import gymnasium
 import pytest
 from hypothesis import settings
 
-from rans.errors import EXTRAS, MissingPackage
+from rans.base.errors import EXTRAS, MissingPackage
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS
@@ -102,7 +102,7 @@ def _environment_of_others() -> Iterator[None]:
 @pytest.fixture(autouse=True)
 def _names_of_others() -> Iterator[None]:
     """Names that a test types, whose code may then run, are not typed for the tests after it."""
-    registry = sys.modules.get("rans.registry")
+    registry = sys.modules.get("rans.base.registry")
     before = set() if registry is None else set(registry._typed)
     yield
     if registry is not None:

@@ -1,7 +1,7 @@
 """Any campaign on an executor: ``python -m campaigns [--executor TEXT] NAME OPTIONS``.
 
 A campaign is one of `campaigns.table`, or a module of this package that is a command of its own. With
-``--executor MODULE:NAME`` its jobs run on the executor that this function makes (`rans.executors.run_on`).
+``--executor MODULE:NAME`` its jobs run on the executor that this function makes (`rans.base.executors.run_on`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from pathlib import Path
 from campaigns.command import ended
 from campaigns.runner import command
 from campaigns.table import CAMPAIGNS
-from rans.errors import ConfigError, meant
-from rans.executors import run_on, without_executor
-from rans.files import read_text
+from rans.base.errors import ConfigError, meant
+from rans.base.executors import run_on, without_executor
+from rans.base.files import read_text
 
 
 def main(arguments: list[str]) -> int:

@@ -18,17 +18,17 @@ from rans_assurance.assure.campaign import Campaign
 from tyro.conf import Positional
 
 from campaigns.table import table
+from rans.base.files import read_json, write_json
+from rans.base.pretrained import pretrained_names
+from rans.base.table import Table
+from rans.base.terminal import Terminal
+from rans.episode.scenario import ASSURANCE_SEED
+from rans.episode.verdict import Failure
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import judged_separately
 from rans.evaluation.fly.evidence import sha256
 from rans.fast.agent_files.agent import AGENT
-from rans.files import read_json, write_json
-from rans.pretrained import pretrained_names
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import ASSURANCE_SEED
-from rans.table import Table
-from rans.terminal import Terminal
-from rans.verdict import Failure
 
 _HEADINGS = (
     "agent",

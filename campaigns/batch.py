@@ -10,15 +10,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, Setup
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.episode.step import Episode, Setup
+from rans.episode.verdict import FlightAccumulator
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
-from rans.verdict import FlightAccumulator
 
 Rows = dict[str, dict[str, Any]]
 """Results of one agent, by the conditions it was flown in."""
@@ -28,7 +28,7 @@ class Found(NamedTuple):
     """What became of N episodes, each (N,)."""
 
     held: np.ndarray
-    """Whether the goal was held (`rans.verdict`)."""
+    """Whether the goal was held (`rans.episode.verdict`)."""
     settled: np.ndarray
     """Time at which the flight settled, s; infinite if it did not."""
     lost: np.ndarray

@@ -11,11 +11,11 @@ import sys
 from collections.abc import Iterator
 from typing import Any
 
+from rans.base.errors import ConfigError
+from rans.base.files import git_revision, write_json
+from rans.base.pretrained import pretrained_card, pretrained_folder, pretrained_names
+from rans.base.terminal import Terminal
 from rans.deploy.export import evaluated
-from rans.errors import ConfigError
-from rans.files import git_revision, write_json
-from rans.pretrained import pretrained_card, pretrained_folder, pretrained_names
-from rans.terminal import Terminal
 
 TOLD = ("solved", "settling time", "impulse")
 """Metrics whose changes are printed."""

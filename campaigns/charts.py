@@ -14,7 +14,7 @@ import numpy as np
 
 from campaigns.figures import checks_of
 from campaigns.standings import MISSIONS, rows
-from rans.files import read_json, read_text
+from rans.base.files import read_json, read_text
 from rans.show.figures.panels import styled
 from rans.show.figures.plotting import Axes, Figure
 from rans.show.palette import BLUE, GREEN, GREY, INK, ORANGE, RED, series_style

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 
-from rans.errors import RansError, legible
+from rans.base.errors import RansError, legible
 
 
 def ended(name: str, run: Callable[[], int]) -> int:

@@ -15,12 +15,14 @@ import numpy as np
 from rans_bounds.hull import least_time, settling_set
 from tyro.conf import Positional
 
+from rans.base.files import read_text
+from rans.base.structure import read_toml, structure
+from rans.episode.scenario import EVALUATION_SEED, each, scenarios
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
-from rans.files import read_text
 from rans.model.authority import authorities, authority_rows
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
@@ -28,8 +30,6 @@ from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.conditions_file import load_conditions
 from rans.randomization.faults import fault_sets
-from rans.scenario import EVALUATION_SEED, each, scenarios
-from rans.structure import read_toml, structure
 from rans.tasks import GoToPose, Task
 
 

@@ -16,11 +16,12 @@ from rans_missions.tasks import Dock
 
 from campaigns.missions import least, of_first, row_of
 from campaigns.parts import in_parts
-from rans.episode import Setup
+from rans.base.files import number
+from rans.episode.flight import fly
+from rans.episode.scenario import EVALUATION_SEED, draws, scenarios
+from rans.episode.step import Setup
 from rans.evaluation.measure.metrics import PERCENTILES, impulses, settling_times, won
 from rans.evaluation.measure.statistics import figure as rounded
-from rans.files import number
-from rans.flight import fly
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions import (
@@ -31,7 +32,6 @@ from rans.randomization.conditions import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.scenario import EVALUATION_SEED, draws, scenarios
 from rans.tasks import TASKS
 
 _JOB = 512

@@ -21,15 +21,15 @@ from rans_bounds.problem import Problem, SearchEffort
 from tyro.conf import Positional
 
 from campaigns.batch import Rows, flown, study
-from rans.episode import Episode, Setup, World
-from rans.files import read_json
+from rans.base.files import read_json
+from rans.base.processes import Workers, nothing
+from rans.episode.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
+from rans.episode.step import Episode, Setup, World
 from rans.model.dynamics import PlanarState
 from rans.model.spacecraft import Spacecraft
 from rans.policy.network import Network
-from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions, FaultChoice, FaultConditions, FaultKind
 from rans.randomization.faults import fault_sets
-from rans.scenario import EVALUATION_SEED, Scenario, draws, each, scenarios
 
 _HELD_OUT = 0.3, 1.0
 """Share of its force that a weak thruster has, which no training knows."""

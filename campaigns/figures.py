@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.table import PAGES, table
-from rans.files import number, read_json
+from rans.base.files import number, read_json
 from rans.model.spacecraft_file import load_spacecraft, spacecraft_names
 from validation.study.checks import Check
 

@@ -21,10 +21,10 @@ from rans_bounds.starts import bound, question
 
 from campaigns.command import ended
 from rans.api.agent import load_agent
+from rans.episode.flight import Flight
+from rans.episode.scenario import EVALUATION_SEED, scenario
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.measure.metrics import arrival_times
-from rans.flight import Flight
-from rans.scenario import EVALUATION_SEED, scenario
 
 _TRADE_OFFS = [x / 12 for x in range(13)]
 _NAME = "value:go-to-pose-priced-2d@floating-platform#"

@@ -17,17 +17,17 @@ from rans_robot.identify.fit import fit, parameters_of
 from rans_robot.identify.log import FlightLog
 from rans_robot.identify.result import SPREAD, Identification
 
-from rans.episode import Setup, World, step
+from rans.base.processes import Workers, nothing
+from rans.base.terminal import progress, stages
+from rans.episode.scenario import draws
+from rans.episode.step import Setup, World, step
 from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
-from rans.processes import Workers, nothing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import draws
 from rans.tasks.go_to_pose import GoToPose
-from rans.terminal import progress, stages
 
 Found = TypeVar("Found")
 _OPEN = 0.25

@@ -16,12 +16,12 @@ from rans_missions.convex.inspection import inspection_bound
 from rans_missions.tasks.inspect import Inspect
 
 from campaigns.parts import in_parts
-from rans.episode import Setup
+from rans.episode.flight import Controller, fly
+from rans.episode.scenario import EVALUATION_SEED, each, scenarios
+from rans.episode.step import Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import Controller, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import EVALUATION_SEED, each, scenarios
 
 _WITHIN = (12_240.0, 7_200.0, 5_400.0)
 """Times within which circumnavigation is to inspect, s; the first one is the length of an episode."""

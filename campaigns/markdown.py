@@ -7,8 +7,8 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import ConfigError
-from rans.files import write_text
+from rans.base.errors import ConfigError
+from rans.base.files import write_text
 
 _END = "<!-- end of table -->"
 

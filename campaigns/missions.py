@@ -24,16 +24,16 @@ from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import FinalApproach
 from rans_missions.tasks.orbital import OrbitalMission
 
-from rans.episode import Setup
+from rans.base.pretrained import pretrained_names
+from rans.control.lqr import LQR
+from rans.episode.flight import Controller, Flight, fly
+from rans.episode.scenario import EVALUATION_SEED, Scenario, scenarios
+from rans.episode.step import Setup
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import Controller, Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.lqr import LQR
-from rans.pretrained import pretrained_names
 from rans.reference.flight import fly_in_drake
-from rans.scenario import EVALUATION_SEED, Scenario, scenarios
 from rans.tasks import TASKS
 
 Mission = Literal["dock", "hold", "rendezvous", "land", "avoid", "dock-port", "final-approach"]

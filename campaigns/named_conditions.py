@@ -14,9 +14,9 @@ from typing import Any
 from rans_assurance.stress.report import StressReport
 from rans_assurance.stress.run import prepared
 
+from rans.episode.scenario import EVALUATION_SEED
 from rans.evaluation.compare.entrants import contest_of
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import EVALUATION_SEED
 
 _AGENTS = ("go-to-pose-2d-robust", "go-to-pose-2d-faults", "go-to-pose-2d")
 _CONTROLLERS = ("lqr", "switching")

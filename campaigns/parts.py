@@ -6,7 +6,7 @@ from collections.abc import Callable, Hashable, Iterator, Mapping
 from itertools import groupby
 from typing import Any, TypeVar
 
-from rans.processes import Workers, nothing
+from rans.base.processes import Workers, nothing
 
 Part = TypeVar("Part")
 Row = TypeVar("Row", bound=Hashable)

@@ -16,8 +16,8 @@ import tyro
 
 from campaigns.charts import CHARTS
 from campaigns.craft import CRAFTS
-from rans.errors import ConfigError
-from rans.files import write_text
+from rans.base.errors import ConfigError
+from rans.base.files import write_text
 from rans.model.spacecraft_file import load_spacecraft
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.plotting import Figure, rc_context

@@ -11,8 +11,8 @@ from fnmatch import fnmatch
 from pathlib import Path
 
 from campaigns.table import ROWS
-from rans.files import read_text, write_text
-from rans.structure import read_toml
+from rans.base.files import read_text, write_text
+from rans.base.structure import read_toml
 
 _TABLE = read_toml(read_text(Path(__file__).with_suffix(".toml")))
 PICTURES: dict[str, str] = _TABLE["pictures"]

@@ -27,13 +27,13 @@ from campaigns.command import ended
 from campaigns.markdown import Table, lines
 from campaigns.runner import Campaign
 from campaigns.table import ROWS
-from rans.errors import ConfigError, RansError, counted, meant
-from rans.executors import answers, chosen_executor
+from rans.base.errors import ConfigError, RansError, counted, meant
+from rans.base.executors import answers, chosen_executor
+from rans.base.files import environment, read_bytes, read_json, write_text
+from rans.base.pretrained import pretrained_folder, pretrained_names
+from rans.base.processes import nothing, processors
+from rans.base.terminal import Terminal
 from rans.fast.agent_files.agent import AGENT
-from rans.files import environment, read_bytes, read_json, write_text
-from rans.pretrained import pretrained_folder, pretrained_names
-from rans.processes import nothing, processors
-from rans.terminal import Terminal
 
 ROOT = Path(__file__).parents[1]
 

@@ -15,10 +15,11 @@ import numpy as np
 from tyro.conf import Positional
 
 from campaigns.batch import Rows, study
-from rans.episode import Setup
+from rans.base.files import number, read_json
+from rans.episode.scenario import EVALUATION_SEED
+from rans.episode.step import Setup
 from rans.evaluation.measure.statistics import share
 from rans.fast.flights import Flights
-from rans.files import number, read_json
 from rans.policy.network import Network
 from rans.randomization.conditions import (
     BodyConditions,
@@ -30,7 +31,6 @@ from rans.randomization.conditions import (
     ThrusterConditions,
 )
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import EVALUATION_SEED
 
 _FINE = SensorConditions(noise=(0.0, 0.03))
 _COARSE = SensorConditions(noise=(0.0, math.radians(3.0)))

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from campaigns.markdown import Table
-from rans import table
-from rans.files import environment, plain, read_json, write_json
-from rans.terminal import Terminal
+from rans.base import table
+from rans.base.files import environment, plain, read_json, write_json
+from rans.base.terminal import Terminal
 
 Columns = tuple[tuple[str, str], ...]
 """Headings, and the text of a cell with fields of a row in braces, see `cell`."""

@@ -16,10 +16,10 @@ import numpy as np
 from rans_missions.guard import safety_filter
 from rans_missions.tasks import Avoid
 
-from rans.episode import Setup, World
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World
 from rans.model.fields import map_leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks import Task
 
 _CRAFT = {"plane": "floating-platform", "space": "free-flyer"}

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from rans_missions.slosh.liquid import Slosh
 
+from rans.episode.flight import Flight
+from rans.episode.scenario import EVALUATION_SEED
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import impulses, settling_times, won
-from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
-from rans.scenario import EVALUATION_SEED
 
 _CONTESTANTS = (
     "pretrained:go-to-pose-2d",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rans.files import number, read_json
+from rans.base.files import number, read_json
 
 _HEADINGS = (
     "",

@@ -10,8 +10,8 @@ from typing import Any
 
 from campaigns.markdown import Table
 from campaigns.runner import Campaign
-from rans.files import read_text
-from rans.structure import read_toml, structure
+from rans.base.files import read_text
+from rans.base.structure import read_toml, structure
 
 
 def read_campaigns(file: Path) -> dict[str, Campaign]:

@@ -11,7 +11,7 @@ sys.path[:0] = [str(DOCS / "_ext"), str(DOCS.parent)]
 
 import matplotlib  # noqa: E402
 
-from rans.files import package_version  # noqa: E402
+from rans.base.files import package_version  # noqa: E402
 
 matplotlib.use("agg")
 

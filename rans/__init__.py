@@ -9,19 +9,18 @@ that Drake simulates, such as "rans/GoToPose2D-Drake-v0". `TASKS.register` adds 
 other name is loaded on first use.
 """
 
-import rans.safe_path  # noqa: F401  # must come first, see its docstring
+import rans.base.safe_path  # noqa: F401  # must come first, see its docstring
 
 # isort: split
 import importlib
-import importlib.util
 import sys
 from typing import TYPE_CHECKING, Any
 
 import gymnasium
 
-from rans import display, errors
-from rans.abilities import PUBLIC
-from rans.lazy import homes
+from rans.base import display, errors
+from rans.base.abilities import PUBLIC
+from rans.base.lazy import homes
 from rans.tasks import TASKS, gymnasium_ids
 
 if TYPE_CHECKING:
@@ -40,11 +39,15 @@ if TYPE_CHECKING:
     from rans.api.states import state as state
     from rans.api.training import train as train
     from rans.api.training import tune as tune
-    from rans.errors import ConfigError as ConfigError
-    from rans.errors import RansError as RansError
-    from rans.errors import RansWarning as RansWarning
+    from rans.base.errors import ConfigError as ConfigError
+    from rans.base.errors import RansError as RansError
+    from rans.base.errors import RansWarning as RansWarning
+    from rans.base.executors import run_on as run_on
+    from rans.base.registry import trust_files as trust_files
+    from rans.control.lqr import LQR as LQR
+    from rans.control.switching import Switching as Switching
+    from rans.episode.scenario import scenarios as scenarios
     from rans.evaluation.fly.pilot import Pilot as Pilot
-    from rans.executors import run_on as run_on
     from rans.fast.engine import Engine as Engine
     from rans.fast.envs.single import SpacecraftEnv as SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv as SpacecraftVectorEnv
@@ -52,8 +55,6 @@ if TYPE_CHECKING:
     from rans.model.spacecraft import Spacecraft as Spacecraft
     from rans.model.spacecraft import Thruster as Thruster
     from rans.model.timing import Timing as Timing
-    from rans.optimal.control.lqr import LQR as LQR
-    from rans.optimal.control.switching import Switching as Switching
     from rans.randomization.conditions import BodyConditions as BodyConditions
     from rans.randomization.conditions import Conditions as Conditions
     from rans.randomization.conditions import DisturbanceConditions as DisturbanceConditions
@@ -61,7 +62,6 @@ if TYPE_CHECKING:
     from rans.randomization.conditions import SensorConditions as SensorConditions
     from rans.randomization.conditions import SensorsConditions as SensorsConditions
     from rans.randomization.conditions import ThrusterConditions as ThrusterConditions
-    from rans.registry import trust_files as trust_files
     from rans.tasks import GoToAttitude as GoToAttitude
     from rans.tasks import GoToPose as GoToPose
     from rans.tasks import GoToPosePriced as GoToPosePriced
@@ -82,17 +82,14 @@ __all__ = [*_LAZY, "TASKS", "__version__"]
 
 def __getattr__(name: str) -> Any:
     if name == "__version__":
-        from rans.files import package_version
+        from rans.base.files import package_version
 
         return package_version("rans")
     try:
         if name in _LAZY:
             return getattr(importlib.import_module(_LAZY[name]), name)
-        if not name.startswith("_"):  # Python and notebooks ask for names such as __path__
-            if importlib.util.find_spec(f"{__name__}.{name}"):
-                return importlib.import_module(f"{__name__}.{name}")  # rans.scenario.scenarios(...)
-            if name in PUBLIC:
-                return PUBLIC[name]
+        if not name.startswith("_") and name in PUBLIC:  # notebooks ask for names such as __path__
+            return PUBLIC[name]
     except errors.ConfigError as error:  # such as a package that is missing
         if sys._getframe(1).f_code.co_name == "_handle_fromlist":
             raise  # `from rans import NAME` would drop the sentence of an AttributeError

@@ -12,17 +12,56 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from rans.display import meanings
-from rans.lazy import homes
+from rans.base.display import meanings
+from rans.base.lazy import homes
 
 if TYPE_CHECKING:
     from rans.api.judging import SpacecraftLike as SpacecraftLike
+    from rans.base.errors import ConfigError as ConfigError
+    from rans.base.errors import NonFiniteState as NonFiniteState
+    from rans.base.errors import SolverFailed as SolverFailed
+    from rans.base.errors import brief as brief
+    from rans.base.errors import checked as checked
+    from rans.base.errors import counted as counted
+    from rans.base.errors import is_finite as is_finite
+    from rans.base.errors import is_installed as is_installed
+    from rans.base.errors import one_of as one_of
+    from rans.base.errors import positive as positive
+    from rans.base.errors import require as require
+    from rans.base.errors import whole as whole
+    from rans.base.files import distinct as distinct
+    from rans.base.files import environment as environment
+    from rans.base.files import first_line as first_line
+    from rans.base.files import inside as inside
+    from rans.base.files import read_bytes as read_bytes
+    from rans.base.files import read_text as read_text
+    from rans.base.files import reading as reading
+    from rans.base.files import ready_folder as ready_folder
+    from rans.base.files import replace_file as replace_file
+    from rans.base.files import write_json as write_json
+    from rans.base.files import write_text as write_text
+    from rans.base.processes import Workers as Workers
+    from rans.base.progress import Progress as Progress
+    from rans.base.progress import Stages as Stages
+    from rans.base.progress import unseen as unseen
+    from rans.base.progress import unseen_stages as unseen_stages
+    from rans.base.registry import typed as typed
+    from rans.base.settled import settled_alone as settled_alone
+    from rans.base.structure import read_toml as read_toml
+    from rans.base.structure import structure as structure
+    from rans.base.table import Table as Table
+    from rans.base.terminal import Terminal as Terminal
+    from rans.base.terminal import doing as doing
+    from rans.base.terminal import progress as progress
+    from rans.base.terminal import stages as stages
     from rans.cli.door import POSE as POSE
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
     from rans.compile.machine_code import MachineCode as MachineCode
     from rans.compile.step_program import StepProgram as StepProgram
+    from rans.control.allocation import inertia as inertia
+    from rans.control.regulator import ModelBased as ModelBased
     from rans.deploy.columns import written_columns as written_columns
     from rans.deploy.forms import FORMATS as FORMATS
     from rans.deploy.forms import Format as Format
@@ -33,25 +72,25 @@ if TYPE_CHECKING:
     from rans.effectors.effector import Begun as Begun
     from rans.effectors.effector import Effector as Effector
     from rans.effectors.effector import JointMotion as JointMotion
-    from rans.environment import observation_space as observation_space
-    from rans.episode import Command as Command
-    from rans.episode import Guard as Guard
-    from rans.episode import Mover as Mover
-    from rans.episode import Setup as Setup
-    from rans.episode import World as World
-    from rans.episode import step as step
-    from rans.errors import ConfigError as ConfigError
-    from rans.errors import NonFiniteState as NonFiniteState
-    from rans.errors import SolverFailed as SolverFailed
-    from rans.errors import brief as brief
-    from rans.errors import checked as checked
-    from rans.errors import counted as counted
-    from rans.errors import is_finite as is_finite
-    from rans.errors import is_installed as is_installed
-    from rans.errors import one_of as one_of
-    from rans.errors import positive as positive
-    from rans.errors import require as require
-    from rans.errors import whole as whole
+    from rans.episode.environment import observation_space as observation_space
+    from rans.episode.flight import Controller as Controller
+    from rans.episode.flight import Flight as Flight
+    from rans.episode.flight import fly as fly
+    from rans.episode.flight_statistics import FlightStatistics as FlightStatistics
+    from rans.episode.scenario import EVALUATION_SEED as EVALUATION_SEED
+    from rans.episode.scenario import Scenario as Scenario
+    from rans.episode.scenario import draws as draws
+    from rans.episode.scenario import each as each
+    from rans.episode.scenario import scenario as scenario
+    from rans.episode.scenario import scenarios as scenarios
+    from rans.episode.step import Command as Command
+    from rans.episode.step import Guard as Guard
+    from rans.episode.step import Mover as Mover
+    from rans.episode.step import Setup as Setup
+    from rans.episode.step import World as World
+    from rans.episode.step import step as step
+    from rans.episode.verdict import Failure as Failure
+    from rans.episode.verdict import last_fifth as last_fifth
     from rans.evaluation.compare.bounds import Bound as Bound
     from rans.evaluation.compare.bounds import Event as Event
     from rans.evaluation.compare.bounds import certificates as certificates
@@ -90,21 +129,6 @@ if TYPE_CHECKING:
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
     from rans.fast.stepping.step import Step as Step
-    from rans.files import distinct as distinct
-    from rans.files import environment as environment
-    from rans.files import first_line as first_line
-    from rans.files import inside as inside
-    from rans.files import read_bytes as read_bytes
-    from rans.files import read_text as read_text
-    from rans.files import reading as reading
-    from rans.files import ready_folder as ready_folder
-    from rans.files import replace_file as replace_file
-    from rans.files import write_json as write_json
-    from rans.files import write_text as write_text
-    from rans.flight import Controller as Controller
-    from rans.flight import Flight as Flight
-    from rans.flight import fly as fly
-    from rans.flight_statistics import FlightStatistics as FlightStatistics
     from rans.model import fields as fields
     from rans.model.actuators import ON_OFF as ON_OFF
     from rans.model.actuators import Throttle as Throttle
@@ -155,8 +179,6 @@ if TYPE_CHECKING:
     from rans.model.timing import Timing as Timing
     from rans.model.trace import Symbol as Symbol
     from rans.model.trace import ordered as ordered
-    from rans.optimal.control.allocation import inertia as inertia
-    from rans.optimal.control.regulator import ModelBased as ModelBased
     from rans.policy.activations import ACTIVATIONS as ACTIVATIONS
     from rans.policy.adaptation import Rows as Rows
     from rans.policy.architecture import EXTRACTOR as EXTRACTOR
@@ -173,11 +195,6 @@ if TYPE_CHECKING:
     from rans.policy.program import RowStep as RowStep
     from rans.policy.program import inputs as inputs
     from rans.policy.subsets import subsets as subsets
-    from rans.processes import Workers as Workers
-    from rans.progress import Progress as Progress
-    from rans.progress import Stages as Stages
-    from rans.progress import unseen as unseen
-    from rans.progress import unseen_stages as unseen_stages
     from rans.randomization.conditions import Conditions as Conditions
     from rans.randomization.conditions import bounds as bounds
     from rans.randomization.conditions import largest as largest
@@ -185,14 +202,6 @@ if TYPE_CHECKING:
     from rans.randomization.parameters import StepInputs as StepInputs
     from rans.reference.frames import DrakeFrame as DrakeFrame
     from rans.reference.further import DrakeMass as DrakeMass
-    from rans.registry import typed as typed
-    from rans.scenario import EVALUATION_SEED as EVALUATION_SEED
-    from rans.scenario import Scenario as Scenario
-    from rans.scenario import draws as draws
-    from rans.scenario import each as each
-    from rans.scenario import scenario as scenario
-    from rans.scenario import scenarios as scenarios
-    from rans.settled import settled_alone as settled_alone
     from rans.show.pages.chart import Chart as Chart
     from rans.show.pages.chart import Mark as Mark
     from rans.show.pages.chart import Series as Series
@@ -204,9 +213,6 @@ if TYPE_CHECKING:
     from rans.show.pages.page import Section as Section
     from rans.show.pages.page import say as say
     from rans.show.progress import watched as watched
-    from rans.structure import read_toml as read_toml
-    from rans.structure import structure as structure
-    from rans.table import Table as Table
     from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
@@ -240,12 +246,6 @@ if TYPE_CHECKING:
     from rans.tasks.shapes import Cone as Cone
     from rans.tasks.shapes import Shape as Shape
     from rans.tasks.shapes import SpeedLimit as SpeedLimit
-    from rans.terminal import Terminal as Terminal
-    from rans.terminal import doing as doing
-    from rans.terminal import progress as progress
-    from rans.terminal import stages as stages
-    from rans.verdict import Failure as Failure
-    from rans.verdict import last_fifth as last_fifth
 
 _HOMES = homes(__file__)
 

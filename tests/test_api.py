@@ -19,9 +19,8 @@ import pytest
 import torch
 
 import rans
-from rans.abilities import PUBLIC
-from rans.scenario import EVALUATION_SEED, scenarios
-from tests.support.processes import modules_loaded
+from rans.base.abilities import PUBLIC
+from rans.episode.scenario import EVALUATION_SEED, scenarios
 from validation.speed.suite import measurements
 
 MODULES = sorted(
@@ -31,7 +30,7 @@ MODULES = sorted(
         # Of classes and functions that scripts reach through their modules.
         "rans.model.actuators",
         "rans.model.spacecraft_file",
-        "rans.pretrained",
+        "rans.base.pretrained",
         "rans.randomization.conditions_file",
         *(
             module
@@ -138,13 +137,6 @@ def test_type_checkers_see_what_is_loaded_later(package):
         for alias in node.names:
             assert package._LAZY[alias.name] == node.module
             assert alias.asname == alias.name
-
-
-def test_modules_of_the_package_are_there_without_an_import_of_their_own():
-    code = (
-        "import rans; rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft('atmos'), 7, 2)"
-    )
-    assert "rans.scenario" in modules_loaded(code)
 
 
 SLIDER = [

@@ -16,8 +16,8 @@ import pytest
 
 import rans
 from rans import TASKS
-from rans.errors import ConfigError, brief
-from rans.files import Lock, replace_file, write_text
+from rans.base.errors import ConfigError, brief
+from rans.base.files import Lock, replace_file, write_text
 from rans.model.spacecraft_file import spacecraft_text
 
 ROOT = Path(__file__).parents[1]

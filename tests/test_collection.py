@@ -19,7 +19,7 @@ def test_only_what_lacks_an_optional_library_is_skipped(pytester, monkeypatch):
     pytester.makeconftest(CONFTEST.read_text("utf-8"))
     pytester.makepyfile(
         test_absent="import pydrake",
-        test_behind_a_door="import rans.errors; rans.errors.require('pydrake')",
+        test_behind_a_door="import rans.base.errors; rans.base.errors.require('pydrake')",
         test_misspelt="import casadi.nowhere",
         test_unknown="import no_such_library",
         test_good="def test_it(): pass",

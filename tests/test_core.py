@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
-import rans.errors
-from rans.errors import EXTRAS, MissingPackage, installing, is_installed, require
+import rans.base.errors
+from rans.base.errors import EXTRAS, MissingPackage, installing, is_installed, require
 from tests.support.hidden_modules import BLOCK, ran
 from tests.support.processes import PATIENCE, ROOT, python
 
@@ -99,9 +99,9 @@ def test_the_core_needs_no_extra_and_nothing_of_posix(tmp_path):
 from pathlib import Path
 import gymnasium, numpy, rans
 from rans.cli import main
-from rans.errors import ConfigError
-from rans.files import Lock, append_text, read_bytes, replace_file
-from rans.processes import Processes
+from rans.base.errors import ConfigError
+from rans.base.files import Lock, append_text, read_bytes, replace_file
+from rans.base.processes import Processes
 for line in (
     "train go-to-pose {TINY} --output run",
     "evaluate run --episodes 4",
@@ -222,7 +222,7 @@ def test_what_is_missing_is_an_import_error_too():
 def test_what_installs_an_extra_names_no_distribution_of_ours(extra, tmp_path, monkeypatch):
     """From a checkout its path; else third parties alone, as no index has RANS and anybody may take its name."""
     assert installing(extra) == f"pip install -e '{ROOT}[{extra}]'"
-    monkeypatch.setattr(rans.errors, "CHECKOUT", tmp_path)
+    monkeypatch.setattr(rans.base.errors, "CHECKOUT", tmp_path)
     words = shlex.split(installing(extra))
     assert words[:2] == ["pip", "install"]
     assert len(words) > 2

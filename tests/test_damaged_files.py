@@ -9,13 +9,13 @@ import pytest
 
 import rans
 from rans import GoToPose
+from rans.base.files import write_json
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.export import write_export
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.exported import load_exported
 from rans.evaluation.fly.tuned import OWN, tuned
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import write_json
-from rans.pretrained import pretrained_folder
 from rans.show.pages.report import report_from_run, sections_of
 from tests.support.damage import check
 from tests.support.written_files import TUNED, contents

@@ -14,13 +14,13 @@ import pytest
 import torch
 
 from rans import Engine, GoToPose, Timing
-from rans.episode import Setup, World, step
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World, step
+from rans.episode.verdict import Failure
 from rans.model.fields import where
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import DrakeMover, fly_in_drake
-from rans.scenario import scenarios
-from rans.verdict import Failure
 from tests.support.missions import Pass
 from tests.support.played import Played
 

@@ -7,8 +7,8 @@ from zlib import crc32
 
 import pytest
 
+from rans.base.errors import EXTRAS, installing
 from rans.cli import COMMANDS
-from rans.errors import EXTRAS, installing
 from tests.support.hidden_modules import ran
 from tests.support.small_networks import damping, written
 

@@ -17,18 +17,18 @@ from rans_c_code.text import C
 
 import rans
 from rans import ConfigError, Timing
+from rans.base.files import write_json
+from rans.base.languages import Code, Python, Toml
+from rans.base.pretrained import pretrained_folder
 from rans.cli.next_commands import training
 from rans.deploy.export import write_agent, write_export
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.fast.agent_files.agent import SavedPolicy
-from rans.files import write_json
-from rans.flight import fly
-from rans.languages import Code, Python, Toml
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.spacecraft_draft import commented
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft, to_toml
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder
-from rans.scenario import scenarios
 from tests.support.exports import exported, shipped
 
 HOSTILE = {

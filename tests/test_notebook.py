@@ -8,9 +8,9 @@ from types import ModuleType
 
 import pytest
 
+from rans.base.table import Table
 from rans.show.pages.notebook import html_of
 from rans.show.pages.page import Page, Section
-from rans.table import Table
 
 NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook" / "first_agent.ipynb"
 TRAINED = 'rans.train("go-to-pose", output="first")'

@@ -15,12 +15,12 @@ from typing import Any
 
 import rans
 from rans import TASKS, extend
-from rans.abilities import PUBLIC
+from rans.base.abilities import PUBLIC
+from rans.base.display import meanings
+from rans.base.registry import resolve
 from rans.cli.commands import COMMANDS
-from rans.display import meanings
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.model.spacecraft_file import SPACECRAFT
-from rans.registry import resolve
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = sorted(file.parent for file in (ROOT / "packages").glob("*/README.md"))

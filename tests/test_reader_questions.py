@@ -19,15 +19,15 @@ import numpy as np
 from rans_missions.ccsds import read_opm
 
 from rans import GoToPose
+from rans.base.files import write_json
+from rans.base.pretrained import pretrained_folder
 from rans.evaluation.fly.exported import read_contract
 from rans.evaluation.fly.tuned import Tuned
 from rans.evaluation.fly.user_policy import user_policy
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import read_config
-from rans.files import write_json
 from rans.model.spacecraft_file import load_spacecraft, read_spacecraft
-from rans.pretrained import pretrained_folder
 from rans.randomization.conditions_file import load_conditions
 from tests.support.graphs import model_of, step
 from tests.support.processes import ROOT

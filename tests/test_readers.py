@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from rans import ConfigError
-from rans.files import (
+from rans.base.files import (
     open_regular,
     read_bytes,
     read_json,
@@ -60,7 +60,7 @@ def test_files_are_opened_by_the_readers_alone():
         if name in TABLES["readers"]:
             continue
         used |= {(name, call) for call in opens(file.read_text("utf-8"))}
-    assert used - ALLOWED == set(), "use rans.files"
+    assert used - ALLOWED == set(), "use rans.base.files"
     assert ALLOWED - used == set(), "an exception that no module needs"
 
 

@@ -21,9 +21,12 @@ import torch
 
 import rans
 from rans import Conditions, Spacecraft, Timing
+from rans.base.display import meanings
+from rans.base.errors import EXTRAS, ConfigError
+from rans.base.structure import structure
 from rans.cli import COMMANDS, _parse
-from rans.display import meanings
-from rans.errors import EXTRAS, ConfigError
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.fast.learn.config import (
     FilterSettings,
     MemorySettings,
@@ -32,12 +35,9 @@ from rans.fast.learn.config import (
     to_table,
     training,
 )
-from rans.flight import fly
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
 from rans.randomization.conditions_file import CONDITIONS
-from rans.scenario import scenarios
-from rans.structure import structure
 from rans.tasks import TASKS, GoToPose, observation_columns
 from tests.support import plugins
 from tests.support.sources import FOLDERS, sources
@@ -230,7 +230,7 @@ def test_links_lead_somewhere():
 
 
 def test_every_module_at_the_top_of_the_package_has_a_line_in_the_architecture():
-    """A stranger could not find out what belongs into `rans/environment.py`."""
+    """A stranger could not find out what belongs into `rans/episode/environment.py`."""
     rooms = (ROOT / "docs" / "architecture.md").read_text("utf-8")
     modules = [file.name for file in (ROOT / "rans").glob("*.py") if file.name[0] != "_"]
     assert [name for name in modules if f"`rans/{name}`" not in rooms] == []

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from rans.base.pretrained import pretrained_card, pretrained_names
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.measure.metrics import solved
-from rans.flight import Flight, fly
-from rans.pretrained import pretrained_card, pretrained_names
-from rans.scenario import scenarios
 from tests.support.recorded import CUT, EPISODES, flown, recorded
 from tests.support.shipped import shipped_agents
 

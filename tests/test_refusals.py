@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 
-from rans import errors
+from rans.base import errors
 
 ROOT = Path(__file__).parents[1]
 

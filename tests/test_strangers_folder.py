@@ -59,8 +59,8 @@ def test_python_m_rans(folder):
 
 
 TYPED = """
-from rans.processes import Workers
-from rans.registry import resolve_typed
+from rans.base.processes import Workers
+from rans.base.registry import resolve_typed
 act = resolve_typed("my_plugin:act")
 print(*Workers(int, (), 2).ordered(act, [(1,)]))
 """

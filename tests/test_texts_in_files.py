@@ -16,13 +16,13 @@ import pytest
 
 import rans
 from rans import RansError
+from rans.base.files import write_json
+from rans.base.structure import read_toml
 from rans.cli import main
 from rans.deploy.export import write_export
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.tuned import Tuned
 from rans.fast.learn.config import to_table
-from rans.files import write_json
-from rans.structure import read_toml
 from tests.support import plugins
 from tests.support.damage import edited, toml
 from tests.support.training import CONFIG
@@ -45,7 +45,7 @@ def here(tmp_path, monkeypatch) -> Path:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("RANS_TRUST", "")
-    monkeypatch.setattr("rans.registry._typed", set())
+    monkeypatch.setattr("rans.base.registry._typed", set())
     Path("evil.py").write_text(MODULE)
     return tmp_path
 

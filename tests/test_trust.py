@@ -14,10 +14,10 @@ import pytest
 
 import rans
 from rans import TASKS, ConfigError, GoToPose, trust_files
+from rans.base.files import write_json
 from rans.cli import _parse, main
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import write_json
 from rans.model.spacecraft_file import SPACECRAFT
 from tests.support.processes import printed
 from tests.support.training import CONFIG
@@ -37,7 +37,7 @@ def run(trained, tmp_path, monkeypatch) -> Iterator[Path]:
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("RANS_TRUST", "")
-    monkeypatch.setattr("rans.registry._typed", set())
+    monkeypatch.setattr("rans.base.registry._typed", set())
     for registry in (TASKS, SPACECRAFT):
         monkeypatch.setattr(registry, "_loaded", {})
     Path("strangers.py").write_text(MODULE)
@@ -103,8 +103,8 @@ def write() -> None:
     [
         "torch:builtins.breakpoint",
         "torch:os.abort",
-        "rans.errors:sys.exit",
-        "rans.registry:trust_files",
+        "rans.base.errors:sys.exit",
+        "rans.base.registry:trust_files",
         f"{__name__}:write",
     ],
 )
@@ -159,7 +159,7 @@ def test_a_typed_name_needs_no_trust_but_its_run_folder_does(run, capsys, monkey
     assert Path("mine/agent.safetensors").exists()
     # The next process has no typed name: the proposed commands must say it.
     evaluate = capsys.readouterr().out.split("Next:\n")[1].splitlines()[0]
-    monkeypatch.setattr("rans.registry._typed", set())
+    monkeypatch.setattr("rans.base.registry._typed", set())
     assert main([*evaluate.split()[1:], "--episodes", "2"]) == 0
     proposed = capsys.readouterr().out.split("Next:\n")[1].splitlines()
     assert ["--trust" in line.split() for line in proposed] == [True] * 3

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft
-from rans.settled import settled_alone
+from rans.base.settled import settled_alone
 
 if TYPE_CHECKING:
     from validation.speed.measurement import Measurement

@@ -1,1 +1,1 @@
-"""Trained agents for RANS: one folder per agent, and no code (see `rans.pretrained`)."""
+"""Trained agents for RANS: one folder per agent, and no code (see `rans.base.pretrained`)."""

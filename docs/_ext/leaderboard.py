@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.pretrained import pretrained_card, pretrained_names
+from rans.base.pretrained import pretrained_card, pretrained_names
 
 EVIDENCE = Path(__file__).parents[1] / "validation"
 SCENARIOS = ("perfect", "lab", "roboran", "orbit", "harsh")

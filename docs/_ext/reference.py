@@ -21,9 +21,11 @@ from states import states_page
 from task_pictures import save_task_picture
 
 import rans
+from rans.base.display import default, meanings
+from rans.base.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_names
+from rans.base.table import Table
 from rans.cli.commands import COMMANDS
 from rans.cli.options import EVERYWHERE, is_in_help, option_name, texts_of
-from rans.display import default, meanings
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.config import (
     ExplorationSettings,
@@ -36,7 +38,6 @@ from rans.fast.learn.config import (
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT, spacecraft_names
 from rans.model.timing import Timing
-from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
 from rans.show.figures.layout_figure import draw_layout
 from rans.show.figures.picture_file import save_picture
@@ -45,7 +46,6 @@ from rans.show.tables.listing import (
     task_listings,
     thruster_listing,
 )
-from rans.table import Table
 from rans.tasks import TASKS, gymnasium_ids, load_task
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ API = {
         "LQR Switching MPC MissionGuidance ConvexGuidance Corridor "
         "Circumnavigation PassiveApproach Pilot"
     ),
-    "Flights": "Timing fly passive_safety write_ccsds read_opm relative_state trust_files run_on",
+    "Flights": "Timing scenarios fly passive_safety write_ccsds read_opm relative_state trust_files run_on",
     "Engine and learner": "Engine PPOSettings SB3VecEnv SpacecraftEnv SpacecraftVectorEnv",
     "Errors": "RansError ConfigError RansWarning",
 }

@@ -10,7 +10,7 @@ from typing import Any, get_type_hints
 
 from markdown_tables import table
 
-from rans.display import meanings
+from rans.base.display import meanings
 from rans.model import drift
 from rans.model import fields as field_functions
 from rans.model.dynamics import PlanarState, SpatialState, State

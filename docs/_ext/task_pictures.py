@@ -11,11 +11,11 @@ import numpy as np
 from matplotlib.patches import Wedge
 
 import rans
-from rans.errors import RansError
-from rans.flight import Flight
+from rans.base.errors import RansError
+from rans.base.pretrained import pretrained_card, pretrained_names
+from rans.episode.flight import Flight
+from rans.episode.scenario import EVALUATION_SEED, scenarios
 from rans.model.fields import map_leaves
-from rans.pretrained import pretrained_card, pretrained_names
-from rans.scenario import EVALUATION_SEED, scenarios
 from rans.show.figures.plotting import Axes, Circle, Figure
 from rans.tasks import load_task
 from rans.tasks.derived import dimensions

@@ -8,25 +8,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.abilities import PUBLIC
 from rans.api.agent_data import AgentData
 from rans.api.names import conditions_if_named, load_spacecraft, load_task
-from rans.errors import ConfigError, brief
+from rans.base.abilities import PUBLIC
+from rans.base.errors import ConfigError, brief
+from rans.base.pretrained import FOR_ANY_CRAFT
+from rans.base.settled import settled, settled_alone
+from rans.episode.scenario import EVALUATION_SEED
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL
-from rans.pretrained import FOR_ANY_CRAFT
 from rans.randomization.conditions import Conditions
-from rans.scenario import EVALUATION_SEED
-from rans.settled import settled, settled_alone
 from rans.tasks import Task
 from rans.tasks.derived import check_dimension
 
 if TYPE_CHECKING:
     from rans.api.pages import Replay
+    from rans.episode.flight import Flight
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.episodes import EngineName
     from rans.evaluation.measure.aggregate import Metrics
-    from rans.flight import Flight
     from rans.model.dynamics import State
 
 _COPIED = ("config.json", "spacecraft.toml", "metrics.jsonl", "card.json")
@@ -231,8 +231,8 @@ class Agent(AgentData):
         Raises:
             ConfigError: it has no run folder, as a controller, or the new one is not empty.
         """
+        from rans.base.files import inside, ready_folder
         from rans.fast.learn.run_folder import RunFolder
-        from rans.files import inside, ready_folder
 
         if self.folder is None:
             raise ConfigError(
@@ -285,7 +285,7 @@ def load_agent(
             the agent flies its own spacecraft only.
             Opening files runs no code, except with ``trust``.
     """
-    from rans.episode import Setup
+    from rans.episode.step import Setup
     from rans.evaluation.fly.agent import LoadedRun, load_policy, run_of
     from rans.evaluation.fly.any_craft import for_spacecraft
     from rans.evaluation.fly.contestant_name import ContestantName

@@ -12,8 +12,8 @@ from rans.randomization.conditions import Conditions
 from rans.tasks import Task
 
 if TYPE_CHECKING:
+    from rans.episode.flight import Controller
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.flight import Controller
 
 
 @dataclass(eq=False, repr=False)
@@ -34,8 +34,8 @@ class AgentData:
 
     def _repr_html_(self) -> str:
         """Table of the notebook: task, spacecraft, conditions, control period and run folder."""
+        from rans.base.table import Table
         from rans.show.pages.notebook import html_of
-        from rans.table import Table
 
         conditions = self.conditions
         rows = [

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rans.api.names import load_spacecraft
-from rans.errors import ConfigError, RansWarning, brief
+from rans.base.errors import ConfigError, RansWarning, brief
 from rans.model.foreign import IMPORTERS, is_foreign
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
@@ -40,8 +40,8 @@ class Draft:
         return f"<Draft of {self.spacecraft!r}>"
 
     def _repr_html_(self) -> str:
+        from rans.base.table import Table
         from rans.show.pages.notebook import html_of
-        from rans.table import Table
 
         title = f"{self.spacecraft.name}: largest force and torque"
         return html_of(Table(AUTHORITY_COLUMNS, self.authority_rows(), title))
@@ -76,7 +76,7 @@ class Draft:
             ConfigError: the file's name does not end in .toml, one of both exists and may not be overwritten,
                 or the disk refused.
         """
-        from rans.files import write_text
+        from rans.base.files import write_text
 
         check_target(Path(file), overwrite)
         if picture is not None:

@@ -5,19 +5,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from rans.api.names import load_spacecraft, load_task
-from rans.errors import one_of
+from rans.base.errors import one_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from rans.episode import Guard, Mover
+    from rans.episode.flight import Controller, Flight
+    from rans.episode.scenario import Draws, Scenario
+    from rans.episode.step import Guard, Mover
     from rans.evaluation.fly.episodes import EngineName
-    from rans.flight import Controller, Flight
     from rans.model.body import Body
     from rans.model.spacecraft import Spacecraft
     from rans.model.timing import Timing
     from rans.randomization.conditions import Conditions
-    from rans.scenario import Draws, Scenario
     from rans.tasks import Task
 
 
@@ -35,7 +35,7 @@ def fly(
 ) -> Flight:
     """Simulate a controller from a batch of scenarios, in float64.
 
-    >>> starts = rans.scenario.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
+    >>> starts = rans.scenarios(rans.GoToPose(), rans.load_spacecraft("atmos"), 7, 3)
     >>> rans.fly("atmos", "go-to-pose", rans.Switching("atmos", "go-to-pose"), starts, rans.Timing())
     <Flight of switching: 3 episodes of 25 s with atmos (fast engine)>
 
@@ -48,14 +48,14 @@ def fly(
         craft: spacecraft, by name, TOML file or object.
         task: task, by name or as an object.
         controller: controller, which receives all N episodes at once.
-        starts: scenarios with float64 arrays (N,), as `rans.scenario.scenarios` returns them.
+        starts: scenarios with float64 arrays (N,), as `rans.episode.scenario.scenarios` returns them.
         timing: control period, substeps, checks and number of periods.
         engine: what computes the motion: "fast" (RANS's own equations), "drake", or a function that moves the
-            spacecraft, a `rans.episode.Mover`, whose attribute ``engine``, if any, names it in `Flight.engine`.
+            spacecraft, a `rans.episode.step.Mover`, whose attribute ``engine``, if any, is `Flight.engine`.
         body: body of numbers or arrays (N,); None: as designed.
         conditions: domain randomization, disturbances, faults and sensors; None: everything is nominal. Under
             conditions the controller receives measured states.
-        draws: random numbers of the scenarios (`rans.scenario.draws`); needed under conditions.
+        draws: random numbers of the scenarios (`rans.episode.scenario.draws`); needed under conditions.
         guard: safety filter between controller and effectors; None: every command is executed.
 
     Raises:
@@ -63,7 +63,7 @@ def fly(
             controller is not a `Controller` or belongs to another dimension, number of commands or width of
             the observation, or there are conditions without ``draws``.
     """
-    from rans import flight
+    from rans.episode import flight
 
     craft = load_spacecraft(craft)
     task = load_task(task)

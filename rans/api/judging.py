@@ -13,22 +13,22 @@ from rans.api.names import (
     conditions_if_named,
 )
 from rans.api.states import WrittenEndpoints, is_written
-from rans.choices import EngineName, ProtocolName
-from rans.errors import ConfigError, RansWarning, brief, one_of, whole
-from rans.files import inside, ready_folder, writing_at_end
+from rans.base.choices import EngineName, ProtocolName
+from rans.base.errors import ConfigError, RansWarning, brief, one_of, whole
+from rans.base.files import inside, ready_folder, writing_at_end
+from rans.base.registry import typed
+from rans.base.settled import settled_alone
+from rans.episode.scenario import EVALUATION_SEED, Endpoints
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
-from rans.registry import typed
-from rans.scenario import EVALUATION_SEED, Endpoints
-from rans.settled import settled_alone
 
 if TYPE_CHECKING:
+    from rans.episode.flight import Flight
     from rans.evaluation.compare.run import Comparison
     from rans.evaluation.fly.agent import LoadedRun
     from rans.evaluation.fly.contestant_name import ContestantName
     from rans.evaluation.measure.aggregate import Metrics
-    from rans.flight import Flight
 
 SpacecraftLike = str | Path | Spacecraft
 """A spacecraft: its name, its TOML file, or a `Spacecraft`."""

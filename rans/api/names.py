@@ -1,13 +1,13 @@
-"""Names that a user gives become values here, once; MODULE:NAME may run code (`rans.registry.typed`)."""
+"""Names that a user gives become values here, once; MODULE:NAME may run code (`rans.base.registry.typed`)."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
+from rans.base.registry import by_user
 from rans.model import spacecraft_file
 from rans.randomization import conditions_file
 from rans.randomization.conditions import Conditions
-from rans.registry import by_user
 from rans.tasks import load_task as _load_task
 
 load_spacecraft = by_user(spacecraft_file.load_spacecraft)

@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING, Any, Literal
 from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
-from rans.choices import EngineName
-from rans.errors import ConfigError, brief, one_of, require, text_of_name, whole
-from rans.files import ready_folder, write_text
+from rans.base.choices import EngineName
+from rans.base.errors import ConfigError, brief, one_of, require, text_of_name, whole
+from rans.base.files import ready_folder, write_text
+from rans.base.pretrained import pretrained_folder, pretrained_names
+from rans.base.registry import Registry
+from rans.base.settled import settled_alone
+from rans.episode.scenario import EVALUATION_SEED
 from rans.model.dynamics import State
-from rans.pretrained import pretrained_folder, pretrained_names
-from rans.registry import Registry
-from rans.scenario import EVALUATION_SEED
-from rans.settled import settled_alone
 
 if TYPE_CHECKING:
+    from rans.episode.flight import Flight
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.flight import Flight
-    from rans.window import Served
+    from rans.show.window import Served
 
 _HEIGHT = 480
 """Height of a replay in a notebook, pixels."""
 FILMS: Registry[Callable[..., None]] = Registry("kind of film", "rans.films")
 """What writes flights side by side as a film, by the ending of its name: of flights, file and progress
-(`rans.progress.Stages`). With ``check`` it only refuses (`ConfigError`) what could not be written."""
+(`rans.base.progress.Stages`). With ``check`` it only refuses (`ConfigError`) what could not be written."""
 
 
 @dataclass
@@ -83,7 +83,7 @@ class Replay:
 
     def open(self) -> str:
         """Open the page in the browser and return its address; it is served while this Python process runs."""
-        from rans.window import PORTS, Served, open_browser
+        from rans.show.window import PORTS, Served, open_browser
 
         if self._served is None:
             self._served = Served(self.html, PORTS)

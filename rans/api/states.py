@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.errors import ConfigError, brief, is_finite
+from rans.base.errors import ConfigError, brief, is_finite
+from rans.episode.scenario import LARGEST, Endpoints, Scenario, each
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3, unflatten
-from rans.scenario import LARGEST, Endpoints, Scenario, each
 
 _UNITS = {"deg": 1.0, "rad": math.degrees(1.0)}
 _RATES = {2: ("v.x", "v.y", "w"), 3: ("v.x", "v.y", "v.z", "w.x", "w.y", "w.z")}

@@ -18,16 +18,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from rans.api.agent import Agent
 from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
-from rans.choices import Quality
-from rans.errors import ConfigError, checked, whole
-from rans.files import inside, made_by
+from rans.base.choices import Quality
+from rans.base.errors import ConfigError, checked, whole
+from rans.base.files import inside, made_by
+from rans.base.registry import typed
+from rans.base.settled import settled_alone
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, to_toml
 from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import conditions_label
-from rans.registry import typed
-from rans.settled import settled_alone
 from rans.tasks import Task, registered_name
 
 if TYPE_CHECKING:
@@ -226,10 +226,10 @@ def searched(
     output: str | Path | None = None,
 ) -> Search:
     """Search settings with these candidates, starts, price and seconds, and write them; see `tune`."""
-    from rans.episode import Setup
+    from rans.base.files import ready_folder
+    from rans.episode.step import Setup
     from rans.evaluation.compare.tuning import ranges, tuned_settings
     from rans.evaluation.fly.tuned import OWN, file_name, tuned
-    from rans.files import ready_folder
     from rans.show.progress import watched
 
     ranges(typed(controller))
@@ -354,10 +354,10 @@ def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
     (docs/decisions/learners.md). In space, under conditions, for other tasks and where the agent loses flights the
     config is as it was.
     """
+    from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
     from rans.evaluation.fly.agent import load_policy
     from rans.evaluation.fly.choice import VALUES, chosen
     from rans.policy.timing import flies_to_a_pose
-    from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 
     plain = config.conditions.or_none is None and not config.guard and not config.plain
     if craft.dimension != 2 or not plain or not flies_to_a_pose(config.settings, craft):

@@ -18,8 +18,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rans.cli.commands import COMMANDS, divides_work
-from rans.errors import (
+from rans.base.errors import (
     EXTRAS,
     ConfigError,
     MissingPackage,
@@ -31,9 +30,10 @@ from rans.errors import (
     of_user_code,
     where_raised,
 )
-from rans.executors import jobs_sent, run_on, without_executor
-from rans.files import as_command, first_line, has_written, why_unwritten
-from rans.registry import trust_files
+from rans.base.executors import jobs_sent, run_on, without_executor
+from rans.base.files import as_command, first_line, has_written, why_unwritten
+from rans.base.registry import trust_files
+from rans.cli.commands import COMMANDS, divides_work
 
 STARTED = time.monotonic()
 """Start of this process, s, from which commands report their wall time."""
@@ -130,7 +130,7 @@ def _end_of_user_code(error: Exception) -> int:
 def _run(arguments: list[str]) -> int:
     """Read the arguments, run the command here or on an executor, and return its exit code."""
     if arguments in (["--version"], ["-V"], ["-v"], ["version"]):
-        from rans.files import package_version
+        from rans.base.files import package_version
 
         print(f"rans {package_version('rans')}")
         return 0
@@ -177,7 +177,7 @@ def _run(arguments: list[str]) -> int:
 
 def _followed(command: Any) -> int:
     """Run a command; after success print what to run next, unless the command has done so itself."""
-    from rans.terminal import Terminal
+    from rans.base.terminal import Terminal
 
     Terminal.has_suggested = False
     with as_command():
@@ -278,7 +278,7 @@ def _end(sentence: str, code: int) -> int:
 def _tell(sentence: str) -> None:
     """Print a sentence to standard error; on a terminal lines are broken between words."""
     if sys.stderr.isatty():
-        from rans.terminal import Terminal
+        from rans.base.terminal import Terminal
 
         Terminal(stderr=True).print(sentence)
     else:

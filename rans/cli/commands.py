@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Annotated, Any, ClassVar, Protocol
 
-from rans.errors import ConfigError
-from rans.registry import Registry
+from rans.base.errors import ConfigError
+from rans.base.registry import Registry
 
 
 class Command(Protocol):

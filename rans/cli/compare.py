@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from rans.api.judging import compare
+from rans.base.errors import ConfigError, RansError, counted
+from rans.base.table import Table
+from rans.base.terminal import Terminal
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
-from rans.errors import ConfigError, RansError, counted
-from rans.table import Table
-from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.contest import Contest
@@ -82,8 +82,8 @@ class Compare(Options):
 
 def without_training(contestants: Sequence[ContestantName], contest: Contest) -> str:
     """The agent for any craft with the craft of a contest, by name; "" if it flies already, or cannot."""
+    from rans.base.pretrained import FOR_ANY_CRAFT
     from rans.evaluation.compare.entrants import enlisted
-    from rans.pretrained import FOR_ANY_CRAFT
 
     agent = FOR_ANY_CRAFT[contest.craft.dimension]
     if any(agent in name.text or name.in_full for name in contestants):

@@ -6,28 +6,28 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from rans.api.names import load_conditions, load_spacecraft, load_task
+from rans.base.errors import ConfigError, legible
+from rans.base.files import number, read_text
+from rans.base.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_folder
+from rans.base.registry import resolve_typed, typed
+from rans.base.structure import LARGEST_TOML
+from rans.base.table import Table
+from rans.base.terminal import doing
 from rans.cli.overview import rows_of
-from rans.errors import ConfigError, legible
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.files import number, read_text
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_folder
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import CONDITIONS
-from rans.registry import resolve_typed, typed
 from rans.show.tables.listing import (
     settings_listing,
     spacecraft_listing,
     task_listings,
     thruster_listing,
 )
-from rans.structure import LARGEST_TOML
-from rans.table import Table
 from rans.tasks import TASKS, Task, gymnasium_ids
 from rans.tasks.derived import dimensions
-from rans.terminal import doing
 
 
 def kind_of_object(reference: str) -> str:
@@ -93,10 +93,10 @@ def spacecraft(name: str) -> Iterable[str | Table]:
 
 def prospects(craft: Spacecraft) -> Iterator[str]:
     """How the agent for any craft flies a craft, which thrusters it can lose, and which may be mistaken."""
+    from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
     from rans.evaluation.fly.agent import load_policy
     from rans.evaluation.fly.choice import chosen
     from rans.policy.backbone_registry import any_craft
-    from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
 
     agent = FOR_ANY_CRAFT[craft.dimension]
     try:

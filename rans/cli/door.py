@@ -28,8 +28,8 @@ from typing import (
 from typing_extensions import Doc
 from tyro.conf import Positional, arg
 
+from rans.base.files import command_line
 from rans.cli.options import Trust, option_name
-from rans.files import command_line
 from rans.model.dynamics import State
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions

@@ -8,11 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from rans.api.judging import evaluate, flown, own_endpoints
-from rans.cli.door import Options, command_of, word
-from rans.cli.next_commands import after
-from rans.cli.options import Trust
-from rans.errors import ConfigError, is_installed
-from rans.files import (
+from rans.base.errors import ConfigError, is_installed
+from rans.base.files import (
     command_line,
     distinct,
     inside,
@@ -20,11 +17,14 @@ from rans.files import (
     write_json,
     writing_at_end,
 )
-from rans.terminal import Terminal, doing
+from rans.base.terminal import Terminal, doing
+from rans.cli.door import Options, command_of, word
+from rans.cli.next_commands import after
+from rans.cli.options import Trust
 
 if TYPE_CHECKING:
+    from rans.episode.flight import Flight
     from rans.evaluation.fly.agent import LoadedRun
-    from rans.flight import Flight
     from rans.randomization.conditions import Conditions
 
 _KEPT = 2**16

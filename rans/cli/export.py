@@ -8,8 +8,8 @@ from typing import Annotated
 from tyro.conf import arg
 
 from rans.api.pages import export, exported
+from rans.base.terminal import Terminal, doing
 from rans.cli.door import Options, command_of, word
-from rans.terminal import Terminal, doing
 
 
 @command_of(export, agent=word("RUN"), format=Annotated[str, arg(metavar="FORM")])

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import Positional, arg
 
 from rans.api.drafting import AUTHORITY_COLUMNS, check_free, check_target, init_spacecraft
+from rans.base.errors import ConfigError, is_installed
+from rans.base.table import Table
+from rans.base.terminal import Terminal
 from rans.cli.door import Options, command_of
-from rans.errors import ConfigError, is_installed
-from rans.table import Table
-from rans.terminal import Terminal
 
 if TYPE_CHECKING:
     from rans.api.drafting import Draft
@@ -60,10 +60,10 @@ class Init(Options):
 
     def _show(self, draft: Draft, picture: Path | None) -> None:
         """Print control authority, recoverable faults, whose numbers a template has, and the next commands."""
+        from rans.base.pretrained import FOR_ANY_CRAFT
         from rans.cli.details import prospects
         from rans.cli.next_commands import training
         from rans.policy.backbone_registry import any_craft
-        from rans.pretrained import FOR_ANY_CRAFT
 
         # Control authority, whether it settles, and thrusters without which it still does.
         craft = draft.spacecraft

@@ -10,19 +10,19 @@ from typing import Annotated
 
 from tyro import conf
 
+from rans.base.errors import ConfigError, brief
+from rans.base.files import read_text
+from rans.base.pretrained import missing_agents, pretrained_names
+from rans.base.registry import typed
+from rans.base.structure import LARGEST_TOML, kind_of_file, read_toml
+from rans.base.table import Table
+from rans.base.terminal import Terminal
 from rans.cli import overview
-from rans.errors import ConfigError, brief
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.files import read_text
 from rans.model.foreign import is_foreign
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
-from rans.pretrained import missing_agents, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
-from rans.registry import typed
-from rans.structure import LARGEST_TOML, kind_of_file, read_toml
-from rans.table import Table
 from rans.tasks import TASKS
-from rans.terminal import Terminal
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,10 @@ import shlex
 from dataclasses import fields
 from typing import Any, cast
 
+from rans.base.pretrained import FOR_ANY_CRAFT
 from rans.cli.commands import COMMANDS
 from rans.cli.door import Options
 from rans.model.spacecraft import Spacecraft
-from rans.pretrained import FOR_ANY_CRAFT
 from rans.tasks.feasible import fitting_task
 
 NEXT = {

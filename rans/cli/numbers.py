@@ -9,7 +9,7 @@ from typing import Any, Union, get_args, get_origin
 
 from tyro.constructors import ConstructorRegistry, PrimitiveConstructorSpec, PrimitiveTypeInfo
 
-from rans.errors import brief
+from rans.base.errors import brief
 
 _KINDS: dict[type, str] = {int: "a whole number", float: "a number"}
 

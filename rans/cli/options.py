@@ -7,8 +7,8 @@ from typing import Annotated, Any, get_origin
 
 from tyro.conf import Suppress, arg
 
-from rans.display import meanings
-from rans.executors import FORMS
+from rans.base.display import meanings
+from rans.base.executors import FORMS
 
 
 @dataclass(frozen=True)

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rans.errors import EXTRAS, ConfigError, counted, installing
+from rans.base.errors import EXTRAS, ConfigError, counted, installing
+from rans.base.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
+from rans.base.registry import Registry
+from rans.base.table import Table
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.fast.learn.algorithms import LEARNERS
 from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
-from rans.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
 from rans.randomization.conditions_file import CONDITIONS
-from rans.registry import Registry
-from rans.table import Table
 from rans.tasks import TASKS
 
 

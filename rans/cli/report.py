@@ -7,9 +7,9 @@ import shlex
 from pathlib import Path
 
 from rans.api.pages import report
+from rans.base.errors import ConfigError
+from rans.base.terminal import Terminal, doing
 from rans.cli.door import Options, command_of, word
-from rans.errors import ConfigError
-from rans.terminal import Terminal, doing
 
 _WORTH_EXPORTING = 0.5
 """Share of solved episodes below which an agent is rather trained on."""

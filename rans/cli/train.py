@@ -19,20 +19,20 @@ from tyro.conf import UseAppendAction, arg
 
 from rans.api.judging import compare
 from rans.api.training import as_it_comes, config_of, ready_trainer, train
-from rans.cli import STARTED
-from rans.cli.door import Options, command_of, word
-from rans.cli.numbers import whole_number
-from rans.errors import (
+from rans.base.errors import (
     ConfigError,
     brief,
     meant_file,
 )
-from rans.files import command_line, inside
+from rans.base.files import command_line, inside
+from rans.base.registry import typed
+from rans.base.system import ALARMS, ENDS, set_alarm
+from rans.base.terminal import Terminal, doing
+from rans.cli import STARTED
+from rans.cli.door import Options, command_of, word
+from rans.cli.numbers import whole_number
 from rans.model.spacecraft_file import effector_kind, load_spacecraft
-from rans.registry import typed
 from rans.show.progress import TrainingProgress
-from rans.system import ALARMS, ENDS, set_alarm
-from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig

@@ -6,12 +6,12 @@ import inspect
 import shlex
 
 from rans.api.training import searched, tune
+from rans.base.errors import ConfigError, brief
+from rans.base.registry import typed
+from rans.base.table import Table
+from rans.base.terminal import Terminal
 from rans.cli.door import Options, command_of, word
-from rans.errors import ConfigError, brief
 from rans.model.spacecraft_file import USUAL
-from rans.registry import typed
-from rans.table import Table
-from rans.terminal import Terminal
 
 _CANDIDATES, _STARTS, _PRICE = (
     inspect.signature(tune).parameters[name].default for name in ("candidates", "starts", "price")

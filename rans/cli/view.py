@@ -8,13 +8,13 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from rans.api.pages import flyers, view
+from rans.base.errors import ConfigError, whole
+from rans.base.terminal import Terminal, doing
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import after
-from rans.errors import ConfigError, whole
-from rans.terminal import Terminal, doing
 
 if TYPE_CHECKING:
-    from rans.flight import Flight
+    from rans.episode.flight import Flight
 
 
 @command_of(view, contestants=word("RUN...", tuple[str, ...]))
@@ -113,8 +113,8 @@ class View(Options):
 
 
 def _serve(page: Callable[[], str], words: str) -> None:
-    """Serve a page until Ctrl-C, and say its address after the words; see `rans.window.Served`."""
-    from rans.window import PORTS, Served, open_browser
+    """Serve a page until Ctrl-C, and say its address after the words; see `rans.show.window.Served`."""
+    from rans.show.window import PORTS, Served, open_browser
 
     # Ctrl-C is expected from the first printed sentence on.
     with contextlib.suppress(KeyboardInterrupt):

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple, Protocol
 import torch
 from torch import Tensor
 
+from rans.base.registry import Registry
 from rans.compile.step_program import StepProgram
-from rans.episode import World
-from rans.flight_statistics import FlightStatistics
+from rans.episode.flight_statistics import FlightStatistics
+from rans.episode.step import World
 from rans.model.random import Draws
 from rans.policy.architecture import Architecture
 from rans.policy.preprocess import ColumnExecutor, TorchPreprocessor
 from rans.policy.symmetry import Symmetries
-from rans.registry import Registry
 
 if TYPE_CHECKING:
     from rans.fast.learn.adam import Adam

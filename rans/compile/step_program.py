@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
-from rans.episode import Episode, World, step_and_restart
+from rans.episode.step import Episode, World, step_and_restart
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
 from rans.model.trace import Symbol, ordered, substituted
@@ -80,7 +80,7 @@ class StepProgram:
     """One step of N episodes as symbols.
 
     Its inputs are "command_0" ..., "memory_0" ..., "setting_0" ..., the seed's words "low" and "high", and the
-    episodes' numbers "first" and "stride" (`rans.episode.restart`). Starts and goals are drawn
+    episodes' numbers "first" and "stride" (`rans.episode.step.restart`). Starts and goals are drawn
     for every spacecraft, and chosen where an episode ended; the kernel draws only in warps that need one.
     """
 

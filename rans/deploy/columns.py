@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vec3, leaves
 from rans.tasks.base import Task

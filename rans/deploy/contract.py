@@ -14,6 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from rans.base.display import default
+from rans.base.errors import ConfigError
+from rans.base.files import git_revision, package_version
 from rans.deploy.columns import (
     column_meanings,
     left_out,
@@ -21,15 +24,14 @@ from rans.deploy.columns import (
     state_quantities,
     valid_ranges,
 )
-from rans.display import default
 from rans.effectors.commands import of_outputs
-from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.episode.flight import Controller, begin_flight
+from rans.episode.safety_filters import safety_filter
+from rans.episode.scenario import draws, sampled_scenarios, scenario
+from rans.episode.step import Setup
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.exported import FORMAT
 from rans.fast.learn.config import TrainConfig, to_table
-from rans.files import git_revision, package_version
-from rans.flight import Controller, begin_flight
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
 from rans.model.rotation import exponential
@@ -37,8 +39,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions, largest
-from rans.safety_filters import safety_filter
-from rans.scenario import draws, sampled_scenarios, scenario
 from rans.tasks import Task
 from rans.tasks.base import observation
 from rans.tasks.derived import example
@@ -96,12 +96,12 @@ class ActionRecorder:
         return self
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._controller = begin_flight(self._controller, count)
         self._met.clear()
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         count = len(observation)
         wide = [map_leaves(lambda x: np.broadcast_to(x, count), sample) for sample in (state, goal)]
         self._met.append((observation, *wide))

@@ -12,6 +12,18 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Protocol
 
+from rans.base.errors import ConfigError, one_line
+from rans.base.files import (
+    environment,
+    inside,
+    plain,
+    read_text,
+    replace_file,
+    write_json,
+    write_text,
+)
+from rans.base.registry import Registry
+from rans.base.structure import LARGEST_TOML
 from rans.deploy.contract import (
     FLIGHTS,
     contract,
@@ -20,8 +32,8 @@ from rans.deploy.contract import (
 )
 from rans.deploy.forms import FORMATS
 from rans.deploy.program import Ports, agent_program
-from rans.episode import Setup
-from rans.errors import ConfigError, one_line
+from rans.episode.scenario import EVALUATION_SEED
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant, judged_separately
 from rans.evaluation.fly.episodes import fly_episodes
@@ -31,19 +43,7 @@ from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder, solved_percent
-from rans.files import (
-    environment,
-    inside,
-    plain,
-    read_text,
-    replace_file,
-    write_json,
-    write_text,
-)
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry
-from rans.scenario import EVALUATION_SEED
-from rans.structure import LARGEST_TOML
 
 
 class Exporter(Protocol):

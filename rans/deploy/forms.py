@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from rans.registry import Registry
+from rans.base.registry import Registry
 
 if TYPE_CHECKING:
     from rans.deploy.program import Ports

@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from rans.base.files import replace_file, write_text
+from rans.base.languages import Python
 from rans.deploy.forms import Format
 from rans.deploy.program import Ports
-from rans.files import replace_file, write_text
-from rans.languages import Python
 from rans.model.operations import NUMPY, of_row
 from rans.policy.program import Program, RowStep
 

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rans.base.errors import require
+from rans.base.files import replace_file
 from rans.deploy.program import Ports
-from rans.errors import require
-from rans.files import replace_file
 from rans.policy.program import Program
 
 OPSET = 17

@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rans.base.errors import ConfigError
 from rans.effectors.commands import is_identity
-from rans.errors import ConfigError
 from rans.model.spacecraft import CommandRange, Spacecraft
 from rans.model.trace import UNTRACEABLE
 from rans.policy.activations import ACTIVATIONS

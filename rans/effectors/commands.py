@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
 from rans.model.fields import Field, where
 from rans.model.spacecraft import CommandRange, Spacecraft
 

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+from rans.base.errors import ConfigError
 from rans.effectors.effector import Action, Begun, Effector, JointMotion, Push
 from rans.effectors.propellant import PropellantTank
 from rans.effectors.wheels import ReactionWheels, wheel_inertia
-from rans.errors import ConfigError
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift, Following

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from rans.base.registry import Registry
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry
 from rans.tasks.base import Task
 
 if TYPE_CHECKING:

@@ -22,8 +22,8 @@ import torch
 import torch.distributed as dist
 from torch import Tensor
 
-from rans.errors import ConfigError, WorkerLost
-from rans.system import to_stderr
+from rans.base.errors import ConfigError, WorkerLost
+from rans.base.system import to_stderr
 
 
 @dataclass(frozen=True)

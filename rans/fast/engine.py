@@ -1,6 +1,6 @@
 """Batched episodes on one device: states are tensors, and one call steps every spacecraft.
 
-`tests/fast` compares it with `rans.environment` and NumPy, row by row: rows never depend on one another.
+`tests/fast` compares it with `rans.episode.environment` and NumPy, row by row: rows never depend on one another.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.base.errors import ConfigError, brief, checked
+from rans.base.registry import typed
+from rans.base.settled import settled
 from rans.effectors.commands import check_commands, is_identity, is_possible, of_outputs
-from rans.episode import Episode, Guard, Setup, World
-from rans.errors import ConfigError, brief, checked
+from rans.episode.step import Episode, Guard, Setup, World
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.privileged import PrivilegedObservation
 from rans.fast.stepping.compiled import generated_step, stepping
@@ -40,8 +42,6 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.registry import typed
-from rans.settled import settled
 from rans.tasks import Task, load_task
 from rans.tasks.base import reward_terms
 from rans.tasks.derived import example

@@ -10,20 +10,20 @@ from contextlib import closing
 import numpy as np
 import torch
 
+from rans.base.errors import ConfigError, RansWarning, brief
+from rans.base.processes import Workers, processors
+from rans.base.progress import Progress, unseen
 from rans.compile.machine_code import Products, WholeFlights, machine_code
 from rans.effectors.commands import of_outputs
-from rans.episode import Episode, Outcome, Setup, World, step
-from rans.errors import ConfigError, RansWarning, brief
+from rans.episode.flight_statistics import FlightStatistics
+from rans.episode.step import Episode, Outcome, Setup, World, step
+from rans.episode.verdict import FlightAccumulator
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
-from rans.flight_statistics import FlightStatistics
 from rans.model.fields import Field, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.trace import UNTRACEABLE
 from rans.policy.network import Network
-from rans.processes import Workers, processors
-from rans.progress import Progress, unseen
-from rans.verdict import FlightAccumulator
 
 BATCH = {"cpu": 4096, "cuda": 2**20}
 """Number of flights stepped together, which fits the caches of a processor or fills a GPU."""

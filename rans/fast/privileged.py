@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, World
+from rans.episode.step import Episode, World
 from rans.model.body import Body
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft

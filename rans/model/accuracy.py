@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, RansWarning
+from rans.base.errors import ConfigError, RansWarning
 from rans.model.body import Body, numbers
 from rans.model.dynamics import wrench_of
 from rans.model.fields import leaves, map_leaves

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
-from rans.errors import ConfigError, brief, is_finite
+from rans.base.errors import ConfigError, brief, is_finite
 from rans.model.fields import Field, ascending, at_least, floor, where
 
 Command = Sequence[Field]

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, checked
+from rans.base.errors import ConfigError, checked
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft, emptied, is_rigid_body
 

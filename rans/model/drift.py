@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, ClassVar, TypeVar
 
-from rans.errors import ConfigError, is_finite
+from rans.base.errors import ConfigError, is_finite
 from rans.model.fields import (
     Field,
     Heading,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from rans.base.registry import Registry
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry
 
 FORMATS = (".urdf",)
 """Suffixes of URDF."""

@@ -12,7 +12,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
+from rans.base.structure import Range
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import (
     Attitude,
@@ -29,7 +30,6 @@ from rans.model.fields import (
     sqrt,
     where,
 )
-from rans.structure import Range
 
 
 def seed_words(seed: int) -> tuple[int, int]:
@@ -55,7 +55,7 @@ def generator(seed: int) -> np.random.Generator:
 def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:
     """Four random 32-bit words from four counters, each an int32 field with wrap-around arithmetic.
 
-    Every scenario follows from it: a change changes all starts (`tests/test_scenario.py`).
+    Every scenario follows from it: a change changes all starts (`tests/episode/test_scenario.py`).
 
     Source: PCG4D of Jarzynski and Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020, the cheapest of
     their hashes from four words to four words that passes the statistical tests.

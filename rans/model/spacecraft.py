@@ -17,8 +17,8 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from rans.display import NotebookRepr
-from rans.errors import ConfigError, RansWarning, brief, checked, counted, one_line
+from rans.base.display import NotebookRepr
+from rans.base.errors import ConfigError, RansWarning, brief, checked, counted, one_line
 from rans.model.actuators import ON_OFF, Actuators, Propellant, Wheel
 
 ThrustSharing = Literal["none", "split"]

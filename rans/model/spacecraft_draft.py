@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from rans.languages import Toml
+from rans.base.languages import Toml
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import sections
 

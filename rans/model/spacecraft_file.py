@@ -16,7 +16,7 @@ from importlib import resources
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.errors import (
+from rans.base.errors import (
     ConfigError,
     RansWarning,
     brief,
@@ -26,14 +26,14 @@ from rans.errors import (
     one_of,
     text_of_name,
 )
-from rans.files import distinct, first_line, read_text
-from rans.languages import Toml
+from rans.base.files import distinct, first_line, read_text
+from rans.base.languages import Toml
+from rans.base.registry import Registry, typed
+from rans.base.structure import LARGEST_TOML, read_toml, refuse_other_file, structure
 from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, OnOff, Propellant, Wheel
 from rans.model.foreign import FORMATS
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft, Thruster
-from rans.registry import Registry, typed
-from rans.structure import LARGEST_TOML, read_toml, refuse_other_file, structure
 
 _REQUIRED = ("name", "dimension", "mass", "inertia")
 _VALUES = ("name", "mass", "inertia", "radius", "thrust_sharing", "shape")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rans.errors import ConfigError, brief, positive
+from rans.base.errors import ConfigError, brief, positive
 from rans.model.fields import Field
 
 _SHORTEST = 1e-6
@@ -62,7 +62,7 @@ class Timing:
                 raise ConfigError(f"{key} must be <= {largest:,}, got {value:,}.")
 
     def step(self, clock: Field) -> Field:
-        """Control periods since the episode's start: the low bits of a clock (`rans.episode.Episode`)."""
+        """Control periods since the episode's start: the low bits of a clock (`rans.episode.step.Episode`)."""
         return clock & self._mask
 
     def episode(self, clock: Field) -> Field:

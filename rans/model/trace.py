@@ -1,6 +1,6 @@
 """Symbols: fields that record the operations on them.
 
-Running `rans.episode.step` on symbols gives a graph of its operations, without repeated operations and with
+Running `rans.episode.step.step` on symbols gives a graph of its operations, without repeated operations and with
 constants folded: the program that `rans.compile` prints as CUDA, C, LLVM and JavaScript.
 """
 

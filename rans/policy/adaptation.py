@@ -12,8 +12,8 @@ from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 
+from rans.base.registry import Registry
 from rans.model.fields import Field
-from rans.registry import Registry
 from rans.tasks.observation_terms import Columns, Layout
 
 Row = TypeVar("Row")

@@ -15,7 +15,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.fields import Field
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import Adaptation, Filters

@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cache
 from typing import TYPE_CHECKING
 
-from rans.registry import Registry
+from rans.base.registry import Registry
 
 if TYPE_CHECKING:
     from rans.policy.backbones import AnyCraft, Backbone

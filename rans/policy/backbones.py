@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from torch import Tensor
 
-from rans.errors import brief
+from rans.base.errors import brief
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.backbone_registry import any_craft

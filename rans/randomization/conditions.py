@@ -15,12 +15,12 @@ from typing import Any, ClassVar, Literal, NamedTuple, get_args
 
 import numpy as np
 
-from rans.display import Settings
-from rans.errors import ConfigError, NamedArguments, checked, is_finite, one_of
+from rans.base.display import Settings
+from rans.base.errors import ConfigError, NamedArguments, checked, is_finite, one_of
+from rans.base.structure import Range, is_range
 from rans.model.body import Body, check_stores
 from rans.model.fields import Field, where
 from rans.model.spacecraft import Spacecraft
-from rans.structure import Range, is_range
 
 FaultKind = Literal["dead", "stuck-open", "stuck", "weak"]
 """Kinds of thruster faults: never open; always open; always open by a share; opens by a share of its command."""

@@ -6,15 +6,15 @@ from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rans.display import default
-from rans.errors import ConfigError, brief, text_of_name
-from rans.files import distinct, read_text
-from rans.languages import Toml
+from rans.base.display import default
+from rans.base.errors import ConfigError, brief, text_of_name
+from rans.base.files import distinct, read_text
+from rans.base.languages import Toml
+from rans.base.registry import Registry, resolve
+from rans.base.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.randomization.plausible import warn_of_implausible
-from rans.registry import Registry, resolve
-from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 
 
 class DescribedConditions(NamedTuple):

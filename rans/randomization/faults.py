@@ -18,7 +18,7 @@ from itertools import combinations
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import FaultKind

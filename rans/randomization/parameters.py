@@ -14,7 +14,7 @@ from functools import reduce
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
 from rans.model.body import Body, Mounting
 from rans.model.drift import Drift
 from rans.model.dynamics import Piece, Wrench, undelayed

@@ -8,7 +8,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from rans.errors import RansWarning
+from rans.base.errors import RansWarning
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, largest
 

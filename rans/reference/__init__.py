@@ -4,6 +4,6 @@ Raises:
     MissingPackage: when it is imported, where Drake is missing.
 """
 
-from rans.errors import require
+from rans.base.errors import require
 
 require("pydrake")

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from rans.environment import Environment
-from rans.episode import Mover
-from rans.flight import Controller, Flight, fly
+from rans.episode.environment import Environment
+from rans.episode.flight import Controller, Flight, fly
+from rans.episode.scenario import Scenario
+from rans.episode.step import Mover
 from rans.model.accuracy import gyroscopic_rate, spin_up
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
@@ -22,7 +23,6 @@ from rans.randomization.valves import Lag
 from rans.reference.nozzles import Failure, Nozzles
 from rans.reference.parts import designed
 from rans.reference.plant import Plant
-from rans.scenario import Scenario
 from rans.tasks.base import Task
 
 _SHORTEST = 0.01
@@ -44,7 +44,7 @@ def fly_in_drake(
     max_step: float | None = None,
     **others: Any,
 ) -> Flight:
-    """Fly a batch of scenarios as `rans.flight.fly` does, whose keywords the others are, moved by Drake.
+    """Fly a batch of scenarios as `rans.episode.flight.fly` does, whose keywords the others are, moved by Drake.
 
     Substeps do not concern Drake, but its own longest step (s) does; None: see `DrakeMover`.
     """
@@ -53,7 +53,7 @@ def fly_in_drake(
 
 
 class DrakeMover:
-    """Drake as what moves the spacecraft of episodes: a `rans.episode.Mover`.
+    """Drake as what moves the spacecraft of episodes: a `rans.episode.step.Mover`.
 
     Where mass properties change, which is once an episode, it builds another plant, which takes milliseconds.
 

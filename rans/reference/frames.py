@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.base.registry import Registry
 from rans.model.drift import Drift
-from rans.registry import Registry
 
 SPHERE = np.diag([2.0, -1.0, -1.0])
 """Gradient of a sphere's gravity, in its size over the distance."""

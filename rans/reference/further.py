@@ -18,10 +18,10 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.base.registry import Registry
 from rans.model.body import Body
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry
 
 
 class Pushing(NamedTuple):

@@ -16,7 +16,7 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.tree import RotationalInertia, SpatialInertia
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.actuators import Wheel
 from rans.model.body import Body
 from rans.model.drift import Drift, FreeFlight, UniformGravity

@@ -41,7 +41,7 @@ from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorC
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Integrator
 
-from rans.errors import ConfigError, positive
+from rans.base.errors import ConfigError, positive
 from rans.model.body import Body
 from rans.model.drift import FREE, Drift
 from rans.model.spacecraft import Spacecraft

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.palette import BLUE, GREEN, ORANGE, RED, series_style
 from rans.tasks.quantities import QUANTITIES

@@ -11,9 +11,9 @@ from typing import Any
 
 from rich.progress import BarColumn, Progress, TextColumn
 
-from rans.progress import Stages
-from rans.system import is_terminal, to_stderr
-from rans.terminal import REDRAWN, Terminal, progress, stages
+from rans.base.progress import Stages
+from rans.base.system import is_terminal, to_stderr
+from rans.base.terminal import REDRAWN, Terminal, progress, stages
 
 _SECONDS = 5.0
 """Between plain lines."""

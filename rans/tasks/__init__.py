@@ -9,8 +9,8 @@ import importlib
 import re
 from typing import TYPE_CHECKING, Any
 
-from rans.lazy import homes
-from rans.registry import Registry
+from rans.base.lazy import homes
+from rans.base.registry import Registry
 
 if TYPE_CHECKING:
     from rans.tasks.base import SingleTask as SingleTask

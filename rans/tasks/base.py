@@ -9,8 +9,8 @@ from dataclasses import dataclass, fields, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from rans.display import Settings
-from rans.errors import ConfigError
+from rans.base.display import Settings
+from rans.base.errors import ConfigError
 from rans.model.drift import FREE, Drift
 from rans.model.dynamics import State
 from rans.model.fields import Field, Vector, where

@@ -12,8 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
-from rans.files import first_line
+from rans.base.errors import ConfigError
+from rans.base.files import first_line
 from rans.model.drift import step_goal
 from rans.model.dynamics import State
 from rans.model.fields import Field

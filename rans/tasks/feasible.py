@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 
-from rans.errors import ConfigError, RansWarning
+from rans.base.errors import ConfigError, RansWarning
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, fields, replace
 
-from rans.errors import ConfigError, NoSuchKey, brief
+from rans.base.errors import ConfigError, NoSuchKey, brief
 from rans.model.dynamics import State
 from rans.model.fields import Field, exp, log
 from rans.model.random import Random

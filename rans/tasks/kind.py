@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
 from rans.tasks.base import SingleTask, Task
 from rans.tasks.derived import example_state
 from rans.tasks.quantities import QUANTITIES

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, fields, replace
 from itertools import zip_longest
 from typing import ClassVar
 
-from rans.display import default
-from rans.errors import ConfigError, checked
+from rans.base.display import default
+from rans.base.errors import ConfigError, checked
 from rans.model.dynamics import State
 from rans.model.fields import Field, leaves, unflatten, where
 from rans.model.random import Random

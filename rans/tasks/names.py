@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
 from rans.tasks import TASKS
 from rans.tasks.base import Task
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal, NamedTuple
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.fields import Attitude, Field, Vec3, Vector, where
 
 Dimension = Literal[2, 3]

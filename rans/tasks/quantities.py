@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
 
 
 @dataclass(frozen=True)

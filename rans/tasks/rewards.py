@@ -12,7 +12,7 @@ from functools import partial, reduce
 from operator import add
 from typing import Any, ClassVar
 
-from rans.display import Settings
+from rans.base.display import Settings
 from rans.model.dynamics import State
 from rans.model.fields import Field, absolute, exp, finite, sqrt, where
 from rans.tasks.settings import check_settings
@@ -58,7 +58,7 @@ class Transition:
     """Inputs of a reward: states, goal and commands of one control period.
 
     The fields after ``previous`` may be left out where no reward reads them, as in tests of one term. Engines
-    always provide them, and store only what some reward reads (`rans.episode`).
+    always provide them, and store only what some reward reads (`rans.episode.step`).
     """
 
     state: State

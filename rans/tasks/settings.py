@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from rans.model.trace import Symbol
 
 Tree = TypeVar("Tree")

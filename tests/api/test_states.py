@@ -8,9 +8,9 @@ import pytest
 from rans import ConfigError, GoToPose, state
 from rans.api.judging import own_endpoints
 from rans.api.states import read_state, read_zones
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 
 def test_a_pose_in_the_plane_with_each_unit():

@@ -8,7 +8,7 @@ import pytest
 import rans
 from rans import ConfigError
 from rans.api.training import config_of
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.learn.config import to_table
 from rans.model.spacecraft_file import load_spacecraft, to_toml

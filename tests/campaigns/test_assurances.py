@@ -2,7 +2,7 @@
 
 from campaigns import assurances
 from campaigns.assurances import _campaigns
-from rans.verdict import Failure
+from rans.episode.verdict import Failure
 
 
 def test_who_is_flown_in_what():

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from campaigns.table import CAMPAIGNS
-from rans.files import read_json
+from rans.base.files import read_json
 
 CAMPAIGNS_BY_COMMAND = {name.replace(" ", "-") for name in CAMPAIGNS}
 ROOT = Path(__file__).parents[2]

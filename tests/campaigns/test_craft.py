@@ -3,10 +3,10 @@
 import numpy as np
 
 from campaigns.craft import flown, least_settling_times, luckiest
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import EVALUATION_SEED, scenarios
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import EVALUATION_SEED, scenarios
 
 
 def test_the_luckiest_craft_is_lighter_and_stronger_than_any_that_is_drawn():

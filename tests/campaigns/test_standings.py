@@ -10,7 +10,7 @@ import pytest
 
 from campaigns.standings import MISSIONS
 from campaigns.standings import rows as standings
-from rans.files import write_json
+from rans.base.files import write_json
 
 DOCS = Path(__file__).parents[2] / "docs"
 

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from rans import TASKS
-from rans.terminal import Terminal
+from rans.base.terminal import Terminal
 from validation.commands.benchmark import Benchmark
 from validation.speed.measurement import Measurement
 

@@ -40,7 +40,7 @@ def test_both_engines(capsys, run_folder):
 
 @pytest.mark.usefixtures("undrawn")
 def test_an_interrupt_keeps_the_episodes_before_it(monkeypatch, here, ran):
-    monkeypatch.setattr("rans.processes.processors", lambda: 1)
+    monkeypatch.setattr("rans.base.processes.processors", lambda: 1)
     monkeypatch.setattr("rans.evaluation.fly.episodes._SHARE", 1)
     flies = episodes._Flyer.fly
 
@@ -223,7 +223,7 @@ def test_results_are_written_before_they_are_printed(line, file, monkeypatch, ca
     def full(*_: object) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
 
-    monkeypatch.setattr("rans.terminal.Terminal.table", full)
+    monkeypatch.setattr("rans.base.terminal.Terminal.table", full)
     assert main(line.split()) == 2
     assert "the disk is full" in capsys.readouterr().err
     assert [*Path().rglob(file)]

@@ -85,7 +85,7 @@ WINDY = Conditions(description="windy")
         ("tests.cli.test_list:Own", "SpacecraftEnv('tests.cli.test_list:Own', 2)"),
         ("tests.cli.test_list:WINDY", 'description = "windy"'),
         ("tests.cli.test_list:Bare", "no docstring"),
-        ("rans.optimal.control.lqr:LQR", "rans.optimal.control.lqr:LQR after a first one"),
+        ("rans.control.lqr:LQR", "rans.control.lqr:LQR after a first one"),
         ("tests.support.crafts:nasty_planar", "Thrusters"),
     ],
 )

@@ -19,8 +19,8 @@ import pytest
 
 import rans_command
 from rans import ConfigError, cli
+from rans.base.files import read_text, write_text
 from rans.cli import main
-from rans.files import read_text, write_text
 from tests.support.command_codes import code_of
 
 
@@ -36,7 +36,7 @@ class Broken:
 
 def broken(monkeypatch: pytest.MonkeyPatch, error: BaseException) -> None:
     monkeypatch.setattr(cli, "_parse", lambda _: Broken(error))
-    monkeypatch.setattr("rans.files._written", deque())  # by tests before
+    monkeypatch.setattr("rans.base.files._written", deque())  # by tests before
 
 
 def test_letters_that_the_output_does_not_know():

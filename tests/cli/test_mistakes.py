@@ -7,9 +7,9 @@ import pytest
 
 import rans
 from rans import Conditions, ThrusterConditions, cli
+from rans.base.errors import ConfigError, checked, meant, meant_file
 from rans.cli import main
 from rans.cli.train import command_to_train_on
-from rans.errors import ConfigError, checked, meant, meant_file
 from rans.fast.learn.config import training
 from rans.fast.learn.trainer import SOLVED_IN_A_ROW, is_solved
 

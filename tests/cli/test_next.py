@@ -10,13 +10,13 @@ import pytest
 from rans_any_craft.networks import authority
 
 from rans import TASKS, ConfigError, cli
+from rans.base.terminal import Terminal
 from rans.cli import COMMANDS
 from rans.cli.list import List
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
 from rans.evaluation.fly.contestants import contestant
 from rans.model.spacecraft_file import SPACECRAFT, load_spacecraft
-from rans.terminal import Terminal
 from validation.commands.validate import Validate
 
 

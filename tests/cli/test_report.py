@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from rans.base.files import write_json
 from rans.cli import main
 from rans.cli.report import Report
 from rans.evaluation.measure.aggregate import measure
-from rans.files import write_json
 from tests.support.evaluation_flights import two_episodes
 from tests.support.training import tiny_trainer
 from validation.study.checks import Check, Study

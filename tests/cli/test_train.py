@@ -190,7 +190,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch
             signal.raise_signal(signal.SIGINT)
         learn(lessons, generator)
 
-    monkeypatch.setattr("rans.processes.processors", lambda: 1)
+    monkeypatch.setattr("rans.base.processes.processors", lambda: 1)
     monkeypatch.setattr(imitation._Lessons, "learn", interrupted)
     command = tiny(begin_from="pretrained:any-craft-2d", total_timesteps=256)
     said = ran("", *command, "--output", "run", code=130)

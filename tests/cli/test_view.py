@@ -13,8 +13,8 @@ import pytest
 
 from rans import GoToPose
 from rans.cli import main
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.processes import PATIENCE, command
 
 

@@ -10,13 +10,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rans import ConfigError
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.columns import written_columns
 from rans.deploy.contract import (
     contract,
     wiring,
 )
 from rans.fast.learn.run_folder import RunFolder
-from rans.pretrained import pretrained_folder
 from rans.tasks.derived import observation_width
 
 

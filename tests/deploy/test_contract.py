@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 
 from rans import Conditions, GoToPose, SensorsConditions
+from rans.base.files import plain
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.contract import (
     FLIGHTS,
     contract,
@@ -22,13 +24,11 @@ from rans.deploy.contract import (
     golden,
     recorded,
 )
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import plain
-from rans.pretrained import pretrained_folder
 from tests.support.exports import exported, written
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -10,19 +10,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rans.pretrained
+import rans.base.pretrained
 from rans import ConfigError
 from rans.cli import main
 from rans.deploy.export import check_alone, write_export
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.any_craft import write_for_spacecraft
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
 
 
@@ -100,7 +100,7 @@ def test_an_agent_keeps_its_name_in_a_folder_of_another(tmp_path):
 @pytest.mark.usefixtures("undrawn")
 def test_it_comes_with_rans_by_name(shipped, monkeypatch, capsys, here):
     write_export(shipped, here / "pretrained" / "small-pose-2d", "rans")
-    monkeypatch.setattr(rans.pretrained, "FOLDER", here / "pretrained")
+    monkeypatch.setattr(rans.base.pretrained, "FOLDER", here / "pretrained")
     assert main(["evaluate", "pretrained:small-pose-2d", "--episodes", "4"]) == 0
     assert (here / "runs/evaluations/pretrained-small-pose-2d/evaluation.json").exists()
     capsys.readouterr()
@@ -164,7 +164,7 @@ def test_a_copy_of_the_sources_that_is_not_installed(run, tmp_path, monkeypatch)
     def unknown(package):
         raise PackageNotFoundError(package)
 
-    monkeypatch.setattr("rans.files.version", unknown)
+    monkeypatch.setattr("rans.base.files.version", unknown)
     write_export(run, tmp_path / "first", episodes=2)
     assert json.loads((tmp_path / "first" / "contract.json").read_text())["rans"] == "not installed"
     assert rans.__version__ == "not installed"

@@ -16,9 +16,10 @@ import pytest
 import torch
 from rans_any_craft.frugality import numbers_of
 
+from rans.base.errors import ConfigError
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.contract import contract, golden
 from rans.deploy.export import write_agent
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.agent_files.agent import SavedPolicy
@@ -27,7 +28,6 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.model.fields import atan2
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder
 from tests.support.exports import (
     asked,
     exported,

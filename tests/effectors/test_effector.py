@@ -13,9 +13,9 @@ from rans_optimal.checks import check_craft
 
 import rans
 from rans import ConfigError, Timing
+from rans.episode.flight import Setup
 from rans.evaluation.compare.bounds import check_certifiable
 from rans.fast.flights import Flights
-from rans.flight import Setup
 from rans.model.accuracy import spin_up
 from rans.model.actuators import Throttle
 from rans.model.spacecraft import CommandRange

@@ -13,16 +13,16 @@ import rans
 from rans import Spacecraft, Timing
 from rans.deploy.contract import golden
 from rans.deploy.export import write_agent
+from rans.episode.flight import Setup, fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.measure.metrics import impulses, samples
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.flights import Flights
-from rans.flight import Setup, fly
 from rans.model.accuracy import chosen
 from rans.model.fields import leaves
 from rans.policy.network import Network
 from rans.reference.flight import DrakeMover
-from rans.scenario import scenarios
 from tests.support.effector_crafts import WHEELED, commands
 from tests.support.effector_flights import ALL, BOTH, scripted, task_of, untrained_policy
 from tests.support.played import Played
@@ -147,7 +147,7 @@ def test_optimal_control_keeps_to_throttle_levels():
     craft = platform(actuators=Throttle(0.1, 0.9, always_lit=True))
     task = rans.GoToPose()
     starts = scenarios(task.for_evaluation(), craft, 0, 1)
-    from rans.scenario import each
+    from rans.episode.scenario import each
 
     (one,) = each(starts)
     found = Transcription(craft, task, MinimumFuel()).solve(one.start, one.goal)

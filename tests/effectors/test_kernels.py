@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from rans import Engine, Timing
+from rans.episode.flight import Setup
 from rans.fast.flights import Flights
-from rans.flight import Setup
 from rans.model.accuracy import chosen
 from rans.tasks import load_task
 from tests.support.effector_crafts import CUBESAT, LANDER, commands

@@ -14,7 +14,7 @@ import torch.distributed as dist
 from torch.multiprocessing.spawn import start_processes
 
 from rans import Engine
-from rans.errors import WorkerLost
+from rans.base.errors import WorkerLost
 from rans.fast.distributed import ALONE, Processes, join
 from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import MemorySettings, PPOSettings

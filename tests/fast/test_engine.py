@@ -9,9 +9,9 @@ import pytest
 import torch
 
 from rans import ConfigError, Engine, Spacecraft, Timing
+from rans.episode.scenario import scenario
 from rans.model.body import Body
 from rans.model.fields import Vec2
-from rans.scenario import scenario
 from rans.tasks import GoToPose, observation
 from rans.tasks.observation_terms import VectorInW
 from tests.support.engines import (

@@ -5,8 +5,8 @@ import pytest
 import torch
 
 from rans import ConfigError
+from rans.episode.scenario import scenario
 from rans.model.fields import leaves
-from rans.scenario import scenario
 from rans.tasks import GoToPosition, MultiTask, TrackVelocity, observation
 from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT, actions, by_turns, run
 from tests.support.switching import SwitchingGoToPose

@@ -12,7 +12,9 @@ import torch
 from rans_any_craft.networks import for_craft
 
 from rans import GoToPose, Timing, run_on
-from rans.episode import Setup
+from rans.episode.flight_statistics import QUANTITIES, FlightStatistics
+from rans.episode.step import Setup
+from rans.episode.verdict import Failure
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -20,10 +22,8 @@ from rans.evaluation.measure import metrics
 from rans.fast import flights as module
 from rans.fast.flights import Flights
 from rans.fast.stepping.step import Backend
-from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.network import Network
-from rans.verdict import Failure
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.kernel_flights import WIDE, policy, setup
 from tests.support.worlds import EFFECTS

@@ -16,7 +16,7 @@ from torch import Tensor
 
 import rans
 from rans import Engine, GoToPose, Timing
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.fast.flights import Flights
 from rans.fast.learn.beginning import statistics
 from rans.fast.learn.config import MemorySettings

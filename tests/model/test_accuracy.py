@@ -22,7 +22,7 @@ from rans import (
     ThrusterConditions,
     Timing,
 )
-from rans.episode import Setup, World
+from rans.episode.step import Setup, World
 from rans.model.accuracy import MOST, chosen, fastest, spin_up
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft

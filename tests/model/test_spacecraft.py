@@ -6,10 +6,10 @@ import warnings
 import pytest
 
 from rans import ConfigError
+from rans.base.pretrained import pretrained_folder
 from rans.model.dynamics import wrench
 from rans.model.spacecraft import Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.pretrained import pretrained_folder
 from tests.support.crafts import nasty_planar, nasty_spatial
 
 DIAGONAL = 0.7071067811865476

@@ -11,13 +11,13 @@ import pytest
 from hypothesis import given, settings
 
 from rans import ConfigError, Spacecraft, Thruster
+from rans.base.registry import typed
 from rans.model.spacecraft_file import (
     load_spacecraft,
     parse_spacecraft,
     spacecraft_text,
     to_toml,
 )
-from rans.registry import typed
 from tests.support.crafts import nasty_spatial
 from tests.support.crafts import spacecraft as any_spacecraft
 

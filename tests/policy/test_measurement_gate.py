@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from rans import GoToPose, Spacecraft, Timing
-from rans.episode import Setup, World, step
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World, step
 from rans.fast.learn.config import FilterSettings
 from rans.policy.architecture import Architecture
-from rans.scenario import scenarios
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import AngularVelocity, VectorInW
 from tests.support.engines import FLYER, PLATFORM, both_crafts

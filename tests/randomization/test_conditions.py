@@ -15,7 +15,7 @@ from rans import (
     SensorsConditions,
     ThrusterConditions,
 )
-from rans.episode import Episode, Setup, World
+from rans.episode.step import Episode, Setup, World
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft

@@ -12,11 +12,11 @@ import pytest
 from scipy import stats
 
 from rans import Conditions, ConfigError, FaultConditions, ThrusterConditions
-from rans.episode import Episode, Setup, World
+from rans.episode.scenario import draws
+from rans.episode.step import Episode, Setup, World
 from rans.model.body import Body
 from rans.randomization.faults import fault_sets
 from rans.randomization.parameters import draw
-from rans.scenario import draws
 from tests.support.draws import COUNT, CRAFTS, LIKELY, PLATFORM, TASK, parameters
 
 

@@ -12,10 +12,10 @@ import pytest
 from scipy import stats
 
 from rans import BodyConditions, Conditions, DisturbanceConditions, ThrusterConditions
+from rans.base.structure import structure
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves
 from rans.randomization.parameters import _STREAMS, EpisodeParameters
-from rans.scenario import scenarios
-from rans.structure import structure
 from tests.support.draws import (
     BOTH,
     COUNT,

@@ -11,7 +11,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from rans import Conditions, SensorConditions, SensorsConditions, Timing
-from rans.episode import Episode, World, step
+from rans.episode.step import Episode, World, step
 from rans.model.fields import Quat, leaves
 from rans.model.random import Draws
 from tests.support.draws import BOTH, COUNT, LIKELY, begun

@@ -12,11 +12,11 @@ import pytest
 import torch
 
 from rans import Conditions, Spacecraft, ThrusterConditions, Timing
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import draws, scenarios
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import leaves
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
 from tests.support.random_flights import CRAFTS, PLANE, SPACE, TASK, Random, flown, in_engine
 from tests.support.worlds import EFFECTS
 from validation.study.conditions import Watching

@@ -18,11 +18,11 @@ from rans import (
     ThrusterConditions,
     Timing,
 )
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import draws, scenarios
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.fields import leaves
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
 from tests.support.played import Played
 from tests.support.random_flights import TASK
 

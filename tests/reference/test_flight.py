@@ -12,6 +12,7 @@ from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 from rans import Timing
+from rans.episode.scenario import scenarios
 from rans.model.drift import ClohessyWiltshire, Drift
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
@@ -21,7 +22,6 @@ from rans.reference.flight import (
     fly_in_drake,
     replay,
 )
-from rans.scenario import scenarios
 from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.crafts import ANY_CRAFT, nasty_planar, nasty_spatial, random_states
 from tests.support.random_flights import Random

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 
+from rans.base.terminal import doing
 from rans.show.progress import (
     _BAR,
     NowAndThen,
@@ -15,7 +16,6 @@ from rans.show.progress import (
     watched,
     watched_training,
 )
-from rans.terminal import doing
 
 
 def row(steps: int) -> dict[str, Any]:

@@ -20,10 +20,10 @@ from rans_bounds.problem import SearchEffort
 from rans_bounds.starts import Question, bound
 
 from rans import ConfigError, Spacecraft, Thruster
+from rans.episode.scenario import Scenario
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, thrust, wrench
 from rans.model.fields import Heading, Vec2
-from rans.scenario import Scenario
 from tests.support.crafts import triple
 from tests.support.states import spatial
 

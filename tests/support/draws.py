@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 
 from rans import Conditions, GoToPose
-from rans.episode import Episode, Setup, World
+from rans.episode.scenario import draws, scenarios
+from rans.episode.step import Episode, Setup, World
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import draws, scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from rans import GoToPose, Timing
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft

@@ -11,15 +11,15 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.contract import recorded
 from rans.deploy.export import write_agent
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy, read_policy
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.heads import OnOff
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder
 from validation.speed.exported import Answer
 
 FAST = ["export", "pretrained:go-to-pose-2d", "--format"]

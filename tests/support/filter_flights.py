@@ -10,9 +10,9 @@ from rans_estimation.filter_bank import Filters
 from rans_estimation.kalman_filter import Filter
 
 from rans import Spacecraft, Timing
-from rans.episode import Episode, World, step
+from rans.episode.scenario import draws, scenarios
+from rans.episode.step import Episode, World, step
 from rans.fast.learn.config import FilterSettings, PPOSettings
-from rans.scenario import draws, scenarios
 from rans.tasks.base import Task
 from rans.tasks.derived import layout
 

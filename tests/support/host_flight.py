@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from rans_machine_code.cuda.flight import FlightKernel
 
-from rans.episode import World
+from rans.episode.step import World
 from rans.policy.network import Network
 from tests.support.host_kernels import COMPILER
 

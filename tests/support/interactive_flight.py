@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import step
+from rans.episode.flight import begin_flight
+from rans.episode.scenario import scenarios
+from rans.episode.step import step
 from rans.evaluation.fly.agent import LoadedRun
-from rans.flight import begin_flight
 from rans.model.body import Body
 from rans.model.fields import leaves, unflatten
-from rans.scenario import scenarios
 from rans.show.pages.playground import interactive_world, may_move_goal
 
 

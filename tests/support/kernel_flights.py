@@ -8,7 +8,7 @@ from typing import Any
 import torch
 
 from rans import Conditions, GoToPose, Spacecraft, Timing
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.policy.architecture import Architecture
 from rans.policy.network import Network
 from rans.policy.symmetry import symmetries

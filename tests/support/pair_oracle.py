@@ -23,7 +23,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.model.actuators import Propellant, Pulsed, Throttle
 from rans.model.drift import ClohessyWiltshire, UniformGravity
 from rans.model.fields import leaves, map_leaves

@@ -21,7 +21,8 @@ from rans import (
     ThrusterConditions,
     Timing,
 )
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import Scenario, draws, scenarios
 from rans.model.actuators import OnOff, Propellant, Pulsed, Throttle, Wheel
 from rans.model.body import Body
 from rans.model.drift import ClohessyWiltshire, Drift, UniformGravity
@@ -30,7 +31,6 @@ from rans.model.random import Draws
 from rans.model.spacecraft import Spacecraft, Store, Thruster
 from rans.randomization.parameters import draw
 from rans.reference.flight import fly_in_drake
-from rans.scenario import Scenario, draws, scenarios
 from tests.support.crafts import triple
 from tests.support.pair_oracle import Oracle
 from tests.support.played import Played

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rans.episode import Episode, Setup, World, step
-from rans.flight import Controller
+from rans.episode.flight import Controller
+from rans.episode.scenario import Scenario
+from rans.episode.step import Episode, Setup, World, step
 from rans.model.fields import map_leaves
-from rans.scenario import Scenario
 
 
 @dataclass(frozen=True)

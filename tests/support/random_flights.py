@@ -9,9 +9,9 @@ import numpy as np
 import torch
 
 from rans import Conditions, Engine, GoToPose, Spacecraft, Timing
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import draws, scenarios
 from rans.model.fields import leaves
-from rans.scenario import draws, scenarios
 from rans.tasks import Task
 from tests.support.crafts import nasty_planar, nasty_spatial
 

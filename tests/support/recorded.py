@@ -12,10 +12,10 @@ from pathlib import Path
 
 import numpy as np
 
+from rans.base.pretrained import pretrained_names
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.contestants import contestant
-from rans.flight import Flight, fly
-from rans.pretrained import pretrained_names
-from rans.scenario import scenarios
 
 FOLDER = Path(__file__).parents[1] / "data" / "commands"
 SEED = 31

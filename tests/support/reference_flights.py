@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from rans import Timing
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft

@@ -7,9 +7,9 @@ from rans_missions.convex.rendezvous import Meeting
 from rans_missions.tasks import Dock
 from scipy.optimize import linprog
 
+from rans.episode.scenario import Scenario, each, scenarios
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, each, scenarios
 from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")

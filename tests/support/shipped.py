@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from rans.pretrained import pretrained_names
+from rans.base.pretrained import pretrained_names
 
 ONE_OF_EACH_KIND = {
     "avoid-2d",  # constraints, and an observation of zones

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from rans import Spacecraft
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks import TASKS, SingleTask
 from rans.tasks.derived import dimensions
 from tests.support.crafts import ANY_CRAFT, random_states

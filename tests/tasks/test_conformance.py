@@ -14,10 +14,10 @@ from rans_missions.tasks.orbital import TargetOrbit
 from rans_optimal.arrival import residual
 
 from rans import ConfigError
-from rans.display import meanings
+from rans.base.display import meanings
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves, map_leaves, unflatten
 from rans.model.random import Random
-from rans.scenario import scenarios
 from rans.tasks import (
     TASKS,
     GoToPose,

@@ -8,9 +8,9 @@ import torch
 from rans_optimal.arrival import residual
 
 from rans import ConfigError
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks import GoToPose, GoToPosePriced, observation, observation_columns
 from rans.tasks.rewards import Transition
 from tests.support.crafts import random_states

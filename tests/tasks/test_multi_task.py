@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rans import Spacecraft
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves, map_leaves, unflatten
-from rans.scenario import scenarios
 from rans.tasks import TASKS, GoToPose, MultiTask, TrackVelocity, observation
 from rans.tasks.rewards import Transition
 from tests.support.crafts import random_states

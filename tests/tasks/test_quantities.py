@@ -10,10 +10,10 @@ import pytest
 
 import rans
 from rans import ConfigError, Timing
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.measure.metrics import samples
-from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks.quantities import QUANTITIES, Quantity, declare
 
 PLATFORM = load_spacecraft("floating-platform")

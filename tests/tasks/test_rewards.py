@@ -7,7 +7,7 @@ import pytest
 from rans_missions.tasks.avoid import Zones
 
 from rans import ConfigError, Timing
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rans.episode.scenario import scenarios
 from rans.model.drift import FREE
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Quat, Vec2, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks.derived import dimensions
 from rans.tasks.shapes import Ball
 from tests.support.crafts import random_states

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from rans.api.names import load_spacecraft
+from rans.base.errors import ConfigError
+from rans.base.files import command_line, environment, ready_folder, write_json, writing_at_end
+from rans.base.table import Table
+from rans.base.terminal import Terminal
 from rans.cli.door import Options, command_of, word
-from rans.errors import ConfigError
-from rans.files import command_line, environment, ready_folder, write_json, writing_at_end
-from rans.table import Table
-from rans.terminal import Terminal
 from validation.functions import benchmark
 
 if TYPE_CHECKING:

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 from rich.text import Text
 
+from rans.base.errors import ConfigError, brief
+from rans.base.files import environment, made_by, ready_folder, write_json
+from rans.base.registry import typed
+from rans.base.terminal import Terminal, verdict
 from rans.cli.door import Options, command_of, word
 from rans.cli.next_commands import training
-from rans.errors import ConfigError, brief
-from rans.files import environment, made_by, ready_folder, write_json
 from rans.model.spacecraft_file import load_spacecraft
-from rans.registry import typed
-from rans.terminal import Terminal, verdict
 from validation.functions import validate
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from itertools import chain
 
-from rans.registry import Registry
-from rans.table import Table
+from rans.base.registry import Registry
+from rans.base.table import Table
 from validation.judges import brick, lvlh
 from validation.judges.judge import Row
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 
 Answer = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 """Of observations (N, width) and memories (N, m): commands (N, thrusters) and the next memories."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import torch
 
 from rans.compile.machine_code import Products
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.beginning import architecture_of

@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from rans.base.errors import ConfigError
 from rans.deploy.export import write_agent
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent
 from rans.fast.agent_files.agent import SavedPolicy
 from rans.fast.engine import Engine

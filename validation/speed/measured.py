@@ -9,9 +9,9 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.base.registry import typed
 from rans.model.spacecraft import Spacecraft
-from rans.registry import typed
 from rans.tasks import TASKS
 
 if TYPE_CHECKING:

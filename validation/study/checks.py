@@ -7,10 +7,10 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rans.errors import counted
+from rans.base.errors import counted
+from rans.base.files import environment, made_by, write_json
+from rans.base.table import Table
 from rans.evaluation.fly.evidence import sha256
-from rans.files import environment, made_by, write_json
-from rans.table import Table
 
 
 @dataclass(frozen=True)
@@ -134,7 +134,7 @@ class Study:
         return Table(columns, rows, self.title, right=(columns[1], columns[3]))
 
     def to_json(self) -> dict[str, Any]:
-        """For `rans.files.write_json`."""
+        """For `rans.base.files.write_json`."""
         return {
             "title": self.title,
             "passed": self.passed,

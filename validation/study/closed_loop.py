@@ -7,14 +7,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.measure.metrics import final_errors, solved
 from rans.evaluation.measure.statistics import share
-from rans.flight import fly
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.tasks.quantities import QUANTITIES
 from validation.study.checks import Check, Skipped
@@ -25,7 +25,7 @@ _ALLOWED = {"position": 1e-3, "attitude": math.radians(0.1)}
 
 def closed_loop_checks(craft: Spacecraft, seed: int, count: int) -> Sequence[Check | Skipped]:
     """An LQR that goes to a pose: the share of flights that are solved, and medians of the final errors."""
-    from rans.optimal.control.lqr import LQR
+    from rans.control.lqr import LQR
 
     timing = Timing()
     task = GoToPose().for_evaluation()

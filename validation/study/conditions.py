@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import draws, scenarios
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
 from validation.study.checks import Check, Curve
 from validation.study.sampling import ENDLESS, Restless, gaps, growth, reach
 
@@ -71,7 +71,7 @@ class Watching(Restless):
         self.seen: list[np.ndarray] = []
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self.states.append(np.array(leaves(state), dtype=float))
         self.seen.append(observation)
         return super().act(state, goal, observation)

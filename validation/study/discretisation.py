@@ -12,14 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.model.accuracy import chosen
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, advance, wrench
 from rans.model.fields import Heading, Quat, Vec3, cos, map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from rans.tasks.quantities import QUANTITIES
 from validation.study.checks import Check, Curve

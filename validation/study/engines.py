@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import torch
 
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.fast.engine import Engine
 from rans.fast.learn.graph import graphed
-from rans.flight import fly
 from rans.model.fields import leaves, unflatten
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.scenario import scenarios
 from validation.study.checks import Check, Curve, Skipped
 from validation.study.sampling import ENDLESS, Restless, any_spin, gap_checks, growth, reach
 

@@ -11,16 +11,16 @@ from typing import Any
 
 import numpy as np
 
-from rans.abilities import PUBLIC
-from rans.errors import ConfigError
-from rans.flight import fly
+from rans.base.abilities import PUBLIC
+from rans.base.errors import ConfigError
+from rans.episode.flight import fly
+from rans.episode.scenario import each, scenarios
 from rans.model.accuracy import chosen
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.flight import rows_from_states, states_from_rows
 from rans.reference.plant import Plant
-from rans.scenario import each, scenarios
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Curve, Skipped
 from validation.study.dynamics import VALIDATION_SUBSTEPS

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from rans.episode import Setup, World
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import draws, scenarios
+from rans.episode.step import Setup, World
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import (
@@ -21,7 +22,6 @@ from rans.randomization.conditions import (
     FaultConditions,
     ThrusterConditions,
 )
-from rans.scenario import draws, scenarios
 from validation.study.checks import NO_THRUSTERS, Check, Skipped
 from validation.study.sampling import ENDLESS, any_spin, moments
 
@@ -46,7 +46,7 @@ class Told:
         self._period = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         command = np.zeros((self._count, self._thrusters))
         command[:, 0] = float(self._period in self._periods)
         self._period += 1

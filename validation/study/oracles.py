@@ -16,7 +16,8 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 from scipy.special import ellipj, fresnel
 
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.model.body import Body
 from rans.model.dynamics import PlanarState, SpatialState, Wrench, advance
 from rans.model.fields import Heading, Quat, Vec2, Vec3, map_leaves
@@ -24,7 +25,6 @@ from rans.model.random import generator
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.reference.nozzles import valve_commands
-from rans.scenario import scenarios
 from rans.tasks import GoToPose
 from validation.study.checks import Check, Skipped
 from validation.study.dynamics import VALIDATION_SUBSTEPS

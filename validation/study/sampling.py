@@ -118,7 +118,7 @@ class Restless:
         """Nothing to forget."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         to_body = state.attitude.to(_identity(state))
         linear = to_body.rotate((goal.p - state.p).scale(1 / 9) - state.v.scale(2 / 3))
         turn = _rotation_vector(state.attitude.to(goal.attitude))

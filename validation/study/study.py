@@ -6,10 +6,10 @@ import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
-from rans.errors import ConfigError, brief, meant
+from rans.base.errors import ConfigError, brief, meant
+from rans.base.progress import Stages, unseen_stages
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
-from rans.progress import Stages, unseen_stages
 from rans.randomization.conditions import Conditions
 from validation.study.checks import NO_THRUSTERS, Check, Curve, Skipped, Study
 from validation.study.closed_loop import closed_loop_checks

@@ -26,7 +26,7 @@ class Steer:
         """It remembers nothing."""
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; `rans list keep-distance` names the observation's columns."""
+        """See `rans.episode.flight.Controller`; `rans list keep-distance` names the observation's columns."""
         cosine, sine, v_x, v_y, spin, _, way_x, way_y = observation.T[:8]
         x = 0.5 * way_x - v_x
         y = 0.5 * way_y - v_y

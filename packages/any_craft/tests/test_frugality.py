@@ -17,6 +17,7 @@ from rans_any_craft.networks import for_craft
 from rans_any_craft.networks import frugal as at_value
 
 from rans import ConfigError
+from rans.base.pretrained import pretrained_folder
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
@@ -24,7 +25,6 @@ from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.network import Network
 from rans.policy.predict import predict
-from rans.pretrained import pretrained_folder
 from tests.support.pose_observations import observations
 
 

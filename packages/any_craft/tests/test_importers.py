@@ -13,7 +13,7 @@ from rans_any_craft.foreign import Foreign
 from rans_any_craft.importers import read_foreign
 
 import rans
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
 from tests.support.damage import check
 
 

@@ -16,6 +16,8 @@ from rans import load_conditions, load_spacecraft
 from rans.api.agent_data import AgentData
 from rans.api.judging import CRAFT, ConditionsLike
 from rans.api.names import conditions_if_named
+from rans.base.files import made_by, writing_at_end
+from rans.episode.scenario import ASSURANCE_SEED
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -23,8 +25,6 @@ from rans.extend import (
     SpacecraftLike,
     whole,
 )
-from rans.files import made_by, writing_at_end
-from rans.scenario import ASSURANCE_SEED
 
 if TYPE_CHECKING:
     from rans.extend import Metrics

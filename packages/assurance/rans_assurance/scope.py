@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.display import meanings
+from rans.base.display import meanings
 from rans.extend import (
     QUANTITIES,
     Conditions,
@@ -51,7 +51,7 @@ def scope(setup: Setup, begun: Scenario) -> list[tuple[str, str]]:
 
 
 def requirement(setup: Setup) -> str:
-    """What a flight must do to count as solved, in words and units: `rans.verdict` in a sentence."""
+    """What a flight must do to count as solved, in words and units: `rans.episode.verdict` in a sentence."""
     task = setup.task
     bounds = ", ".join(
         f"{name} within {_number(QUANTITIES[name].display[0] * bound)} {QUANTITIES[name].display[1]}"

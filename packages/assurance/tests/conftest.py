@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.randomization.conditions_file import load_conditions

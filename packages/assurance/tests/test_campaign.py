@@ -10,8 +10,8 @@ import pytest
 from rans_assurance.assure.bounds import plan
 from rans_assurance.assure.campaign import Campaign
 
-from rans.flight_statistics import FlightStatistics
-from rans.verdict import Failure
+from rans.episode.flight_statistics import FlightStatistics
+from rans.episode.verdict import Failure
 
 
 class Fleet:

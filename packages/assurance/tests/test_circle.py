@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from rans_assurance.circle import RADIUS, START_SPREAD, LookAhead, Progress, fly_circle, tracked
 
 from rans import Spacecraft, Timing, TrackVelocity
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft

@@ -13,8 +13,8 @@ from typing import Any, get_args
 import pytest
 from rans_assurance.dossier import SOURCES, UNPROVED, Dossier
 
+from rans.base.pretrained import pretrained_folder
 from rans.cli import _parse, main
-from rans.pretrained import pretrained_folder
 from rans.show.pages.page import Part
 from tests.support.damage import check
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from rans_assurance.assure.replay import drawing, failure_kinds, replays
 
+from rans.episode.verdict import Failure
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_draws
 from rans.evaluation.measure.metrics import solved
 from rans.randomization.conditions_file import load_conditions
-from rans.verdict import Failure
 from tests.support.policies import idle
 
 

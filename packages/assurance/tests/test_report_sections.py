@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from rans_assurance.sections.assurance import assurance_section
 
-from rans.files import write_json
+from rans.base.files import write_json
 from rans.show.pages.report import report_from_run
 from tests.support.written_files import SCOPE, contents
 

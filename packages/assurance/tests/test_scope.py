@@ -6,8 +6,8 @@ from rans_assurance.scope import conditions_texts, scope
 
 import rans
 from rans import BodyConditions, Conditions, GoToPose, Timing
-from rans.episode import Setup
-from rans.scenario import scenarios
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 
 
 def test_each_part_of_a_mixture_has_its_share():

@@ -9,12 +9,12 @@ import pytest
 from rans_assurance.stress.effects import Level, applicable_effects, failure_levels
 
 from rans import Conditions, GoToPose, Timing
+from rans.episode.flight import fly
+from rans.episode.scenario import draws, scenarios
 from rans.evaluation.fly.user_policy import UserPolicy
-from rans.flight import fly
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import draws, scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose()

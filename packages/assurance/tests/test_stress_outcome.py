@@ -10,11 +10,11 @@ import pytest
 from rans_assurance.stress.outcome import StressOutcome, holds_to
 
 from rans import Timing
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.measure.metrics import solved
 from rans.evaluation.measure.statistics import Estimate
-from rans.flight import fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.missions import Pass
 

@@ -15,9 +15,9 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from rans.errors import installing_folder
+from rans.base.errors import installing_folder
+from rans.base.registry import Registry
 from rans.extend import ConfigError, Spacecraft, brief
-from rans.registry import Registry
 from rans_bounds.flight import fuel
 from rans_bounds.problem import Found, Problem, SearchEffort
 

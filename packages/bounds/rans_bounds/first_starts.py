@@ -9,6 +9,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from rans.base.files import number, one_at_a_time
 from rans.extend import (
     Bound,
     Contest,
@@ -20,7 +21,6 @@ from rans.extend import (
     unseen,
     write_json,
 )
-from rans.files import number, one_at_a_time
 from rans_bounds.problem import SearchEffort
 from rans_bounds.starts import Question, bounds_in_parallel, question
 

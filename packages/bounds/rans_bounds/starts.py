@@ -11,6 +11,7 @@ from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
+from rans.base.processes import nothing
 from rans.evaluation.compare.bounds import Kind, count_of_periods
 from rans.extend import (
     Bound,
@@ -25,7 +26,6 @@ from rans.extend import (
     check_period,
     unseen,
 )
-from rans.processes import nothing
 from rans_bounds import attitude_tube, hull
 from rans_bounds.certificate import (
     Certificate,

@@ -15,11 +15,11 @@ from rans_bounds.goal_set import goal_set
 from rans_bounds.starts import Question, staying_set
 
 from rans import ConfigError, GoToPose, Timing
+from rans.base.progress import unseen_stages
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.run import Comparison
 from rans.model.spacecraft_file import load_spacecraft
-from rans.progress import unseen_stages
 
 CONTEST = Contest(
     load_spacecraft("floating-platform"), GoToPose().for_evaluation(), Timing(0.25), 4, 3

@@ -8,12 +8,12 @@ import pytest
 from rans_bounds.goal_set import GoalSet, goal_set, pulse
 
 from rans import ConfigError
+from rans.episode.verdict import Failure, kinds_of_failure
 from rans.evaluation.compare.bounds import rounded_up
 from rans.model.fields import absolute, sin
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, TrackTwist, TrackVelocity
 from rans.tasks.shapes import Ball
-from rans.verdict import Failure, kinds_of_failure
 from tests.support.tiny_lattice import lopsided
 
 PLATFORM = load_spacecraft("floating-platform")

@@ -13,11 +13,11 @@ from rans_bounds import hull
 from rans_bounds.goal_set import GoalSet
 
 from rans import ConfigError, GoToPose, TrackVelocity
+from rans.episode.scenario import scenario
 from rans.model.body import Body
 from rans.model.dynamics import thrust, wrench
 from rans.model.fields import Quat, Vec3, leaves, unflatten
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenario
 from rans.tasks.goal_set import aims
 from tests.support.crafts import nasty_planar, nasty_spatial
 from tests.support.problems import spatial

@@ -24,11 +24,11 @@ from rans_bounds.starts import (
 from rans_bounds.transfers import bounds_table
 
 from rans import ConfigError
+from rans.episode.scenario import Scenario, each, scenarios
 from rans.evaluation.compare.bounds import Bound, Event
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft import Propellant, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, each, scenarios
 from rans.tasks import GoToPose, GoToPosition, Task
 from rans.tasks.goal_set import aims
 from tests.support import plugins

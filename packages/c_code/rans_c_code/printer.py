@@ -266,7 +266,7 @@ class Printer:
     def _product(self, step: RowStep) -> str:
         """Entry i of a row (1, k) times a table (k, n), as one C expression.
 
-        Sums in the order of the columns, which golden commands allow for (`tests/test_files.py`).
+        Sums in the order of the columns, which golden commands allow for (`tests/base/test_files.py`).
         """
         row, table = step.inputs
         a = self._value(row)

@@ -8,8 +8,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rans.base.languages import Code
 from rans.extend import Dialect
-from rans.languages import Code
 
 
 class C(Code):

@@ -25,20 +25,20 @@ from rans_c_code.formats import C, rounded
 from rans_c_code.text import DIALECT
 from scipy.spatial.transform import Rotation
 
+from rans.base.errors import ConfigError
+from rans.base.files import plain
+from rans.base.pretrained import pretrained_folder
 from rans.cli import main
 from rans.deploy.contract import contract, golden
 from rans.deploy.export import stack_of, write_export
 from rans.deploy.program import Ports, agent_program
-from rans.errors import ConfigError
 from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import solved
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import plain
 from rans.model.operations import ROWS, of_row
 from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import pretrained_folder
 from tests.support.exports import FAST, exported, remembering, written
 from tests.support.operations import check, compiled
 from tests.support.processes import PATIENCE

@@ -8,7 +8,7 @@ from rans_estimation.actuator_response import Response
 from scipy.optimize import lsq_linear
 
 from rans import TASKS, BodyConditions, Conditions, ThrusterConditions
-from rans.episode import Setup, World
+from rans.episode.step import Setup, World
 from rans.tasks.derived import layout
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.filter_flights import COUNT, TIMING, commands, followed, made

@@ -11,8 +11,8 @@ import pytest
 
 from campaigns.robustness import rows
 from rans import TASKS, ConfigError, GoToPose
-from rans.episode import Setup, World, step
-from rans.scenario import draws, scenarios
+from rans.episode.scenario import draws, scenarios
+from rans.episode.step import Setup, World, step
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW

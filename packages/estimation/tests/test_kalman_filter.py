@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from rans import GoToPose
+from rans.episode.scenario import scenarios
 from rans.model.fields import Heading, Quat
-from rans.scenario import scenarios
 from rans.tasks.base import Task, observation
 from rans.tasks.derived import layout
 from tests.support.engines import FLYER, PLATFORM

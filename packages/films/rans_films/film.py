@@ -1,4 +1,4 @@
-"""Flights as a film, side by side, drawn by `rans.drawing.Scene`."""
+"""Flights as a film, side by side, drawn by `rans.episode.drawing.Scene`."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import imageio_ffmpeg
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from rans.drawing import Scene
+from rans.episode.drawing import Scene
 from rans.extend import (
     QUANTITIES,
     ConfigError,

@@ -13,9 +13,9 @@ from rans_films import film
 from rans_films.film import Episode, save_video
 
 from rans import ConfigError
-from rans.errors import MissingPackage
-from rans.flight import Flight
-from rans.registry import resolve
+from rans.base.errors import MissingPackage
+from rans.base.registry import resolve
+from rans.episode.flight import Flight
 from tests.support.evaluation_flights import flight_of, two_episodes
 from tests.support.reference_flights import TRACKING, drifting
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.csv_file import CsvFile, read_csv
+from rans.base.csv_file import CsvFile, read_csv
 from rans.effectors.commands import check_commands
 from rans.extend import ConfigError, Heading, Quat, Setup, counted, per_velocity
 
@@ -109,7 +109,7 @@ class FlightsFile:
         return self._given.shape[1]
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; episode k flies the flight of start k.
+        """See `rans.episode.flight.Controller`; episode k flies the flight of start k.
 
         Raises:
             ConfigError: the file does not have a flight of each of so many starts.

@@ -12,10 +12,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 from torch import Tensor
 
-from rans.environment import within
+from rans.base.settled import settled
+from rans.episode.environment import within
 from rans.extend import ConfigError, Engine, action_space, brief, checked, observation_space
 from rans.fast.envs.actions import Actions
-from rans.settled import settled
 
 
 class SB3VecEnv(VecEnv):

@@ -16,6 +16,7 @@ import numpy as np
 from torch import Tensor
 
 from rans.effectors.commands import of_outputs
+from rans.episode.verdict import FlightAccumulator
 from rans.extend import (
     Architecture,
     ColumnExecutor,
@@ -33,7 +34,6 @@ from rans.extend import (
 )
 from rans.model.trace import UNTRACEABLE
 from rans.policy import scalars, traced
-from rans.verdict import FlightAccumulator
 
 Made = TypeVar("Made")
 IN_BODY = 0
@@ -219,9 +219,9 @@ class FlightProgram:
     policy: PolicyInFlight
     """What the policy computes."""
     going: Symbol
-    """Whether the flight goes on, as `rans.verdict.FlightAccumulator` has it, from the state variables."""
+    """Whether the flight goes on, as `rans.episode.verdict.FlightAccumulator` has it, from the state variables."""
     failure: Symbol
-    """Number of a `rans.verdict.Failure`, int."""
+    """Number of a `rans.episode.verdict.Failure`, int."""
     settled: Symbol
     """Control period in which it settled, if it is solved."""
     totals: tuple[Symbol, ...]

@@ -7,11 +7,11 @@ from typing import Any
 import pytest
 import torch
 
+from rans.base.registry import Registry
 from rans.compile import machine_code as seam
-from rans.episode import Setup
+from rans.episode.flight_statistics import FlightStatistics
+from rans.episode.step import Setup
 from rans.fast.flights import Flights
-from rans.flight_statistics import FlightStatistics
-from rans.registry import Registry
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy, setup
 from tests.support.training import tiny_learner, weights

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans import RansWarning
-from rans.errors import one_line
+from rans.base.errors import one_line
 from rans.extend import (
     ClohessyWiltshire,
     ConfigError,
@@ -70,7 +70,7 @@ def write_ccsds(
     The missions have a circular orbit with a radius, but no orientation and no epoch, so these are arguments.
 
     >>> import tempfile
-    >>> starts = rans.scenario.scenarios(rans.Hold(), rans.load_spacecraft("vbar-chaser"), 7, 1)
+    >>> starts = rans.scenarios(rans.Hold(), rans.load_spacecraft("vbar-chaser"), 7, 1)
     >>> timing = rans.Timing(control_period=10.0, episode_steps=5)
     >>> controller = rans.MissionGuidance("vbar-chaser", "hold")
     >>> flight = rans.fly("vbar-chaser", "hold", controller, starts, timing)

@@ -46,7 +46,7 @@ def passive_safety(
 ) -> PassiveSafety:
     """How near the target flights would coast if all thrusters shut at any instant, also in the midst of a burn.
 
-    >>> starts = rans.scenario.scenarios(rans.Hold(), rans.load_spacecraft("vbar-chaser"), 7, 2)
+    >>> starts = rans.scenarios(rans.Hold(), rans.load_spacecraft("vbar-chaser"), 7, 2)
     >>> controller = rans.MissionGuidance("vbar-chaser", "hold")
     >>> timing = rans.Timing(control_period=10.0, episode_steps=5)
     >>> flight = rans.fly("vbar-chaser", "hold", controller, starts, timing)

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from rans.base.pretrained import pretrained_folder
+from rans.base.registry import typed
 from rans.deploy.columns import state_quantities
 from rans.deploy.export import write_export
 from rans.evaluation.fly.agent import load_policy
@@ -21,8 +23,6 @@ from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.metrics import impulses
 from rans.extend import Setup, is_installed, map_leaves
 from rans.model.fields import unflatten
-from rans.pretrained import pretrained_folder
-from rans.registry import typed
 
 AGENT = pretrained_folder("go-to-pose-3d")
 FORM = typed("rans_missions.basilisk_module:write_basilisk")

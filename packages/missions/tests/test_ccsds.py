@@ -14,10 +14,10 @@ from rans_missions.script import Script
 
 import rans
 from rans import ConfigError, Timing
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenarios
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 N = rans.Hold().mean_motion
 RADIUS = (EARTH / N**2) ** (1.0 / 3.0)

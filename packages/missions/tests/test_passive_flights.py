@@ -12,11 +12,11 @@ from rans_missions.script import Script
 
 import rans
 from rans import ConfigError, Timing
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.measure.aggregate import measure
-from rans.flight import Flight, fly
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 N = rans.Hold().mean_motion
 

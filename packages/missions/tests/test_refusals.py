@@ -26,7 +26,7 @@ from rans_missions.tasks import (
 
 from rans import LQR, ConfigError, GoToPose
 from rans.effectors.motion import check_gradient
-from rans.flight import Setup
+from rans.episode.flight import Setup
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks.shapes import Ball
 

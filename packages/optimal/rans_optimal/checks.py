@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal
 
+from rans.control.allocation import check_aims
 from rans.extend import ConfigError, Spacecraft, Task, aims, counted
-from rans.optimal.control.allocation import check_aims
 
 ObjectiveName = Literal["fuel", "time", "energy", "reward"]
 """What an optimal trajectory minimizes, see `rans_optimal.objectives`."""

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from rans.control.allocation import Allocation
 from rans.extend import (
     Heading,
     Quat,
@@ -22,7 +23,6 @@ from rans.extend import (
     map_leaves,
     rotation_vector,
 )
-from rans.optimal.control.allocation import Allocation
 
 _STEP = 1e-4
 """Share of the duration over which rates are differences: they are wrong by 1e-8 of the largest."""

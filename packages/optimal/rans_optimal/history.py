@@ -67,7 +67,7 @@ class ControlHistory(ABC):
         return Replay([flight], f"{flight.controller}, {flight.craft.name}")
 
     def to_csv(self, file: str | Path) -> Path:
-        """Write the flight in Drake, see `rans.flight.Flight.to_csv`, and return the file."""
+        """Write the flight in Drake, see `rans.episode.flight.Flight.to_csv`, and return the file."""
         return self.replay().to_csv(file)
 
 
@@ -186,10 +186,10 @@ class _OpenLoop:
         self._step = 0
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._step += 1
         return self._commands[self._step - 1]

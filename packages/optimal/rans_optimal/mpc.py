@@ -14,6 +14,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rans.control.lqr import LQR
 from rans.extend import (
     Body,
     ConfigError,
@@ -32,7 +33,6 @@ from rans.extend import (
     scenario,
     whole,
 )
-from rans.optimal.control.lqr import LQR
 from rans_optimal.arrival import path_margins
 from rans_optimal.checks import moves_goal
 from rans_optimal.guess import allocation_of
@@ -127,7 +127,7 @@ class MPC(LQR):
         """Quadratic programs since `reset` that PIQP did not solve: the plan before was flown on."""
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         super().reset(count)
         self._plans = np.zeros((count, *self._plans.shape[1:]))
         self.failures = 0

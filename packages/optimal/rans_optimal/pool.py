@@ -20,8 +20,8 @@ def solve_all(
 ) -> list[Trajectory]:
     """Solve an objective from every start: N trajectories in the order of the starts.
 
-    See `rans.processes.Workers` for worker processes and interrupts. The starts are of arrays (N,), as
-    `rans.scenario.scenarios` gives them. By default there is one worker per processor; one solves in this
+    See `rans.base.processes.Workers` for worker processes and interrupts. The starts are of arrays (N,), as
+    `rans.episode.scenario.scenarios` gives them. By default there is one worker per processor; one solves in this
     process. Progress is reported once per solved problem. A trajectory whose worker process
     died has the status "Worker_Died" and NaN for numbers.
 

@@ -65,7 +65,7 @@ def add_relaxed(
         comparison.notes.append(f"No optimum is computed: {reason}")
         return
     fastest: list[float] = []
-    # Who arrives in the last fifth of an episode has not settled (`rans.verdict`).
+    # Who arrives in the last fifth of an episode has not settled (`rans.episode.verdict`).
     steps = contest.timing.episode_steps
     latest = contest.timing.control_period * (steps - last_fifth(steps))
     chosen = [multiple for multiple in _MULTIPLES if multiple in comparison.multiples]

@@ -17,9 +17,9 @@ from rans_optimal.objectives import MinimumTime
 from rans_optimal.pool import solve_all
 
 from rans import TASKS, ConfigError, GoToPose
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from rans.tasks.observation_terms import ObservationTerm, Scalar
 from rans.tasks.rewards import Transition, nearness
@@ -67,7 +67,7 @@ class Distant(GoToPose):
     ],
 )
 def test_what_cannot_be_optimised_is_said_before_any_process_starts(task, said, monkeypatch):
-    monkeypatch.delattr("rans.processes.Processes")
+    monkeypatch.delattr("rans.base.processes.Processes")
     craft = load_spacecraft("floating-platform")
     with pytest.raises(ConfigError, match=said):
         solve_all(craft, task, MinimumTime(), scenarios(task, craft, 0, 1), workers=2)

@@ -10,8 +10,8 @@ from rans_optimal.guess import guess, rotation_vector
 from scipy.spatial.transform import Rotation
 
 from rans import GoToPose
+from rans.episode.scenario import scenario
 from rans.model.fields import Quat, leaves
-from rans.scenario import scenario
 from rans.tasks.goal_set import aims
 
 

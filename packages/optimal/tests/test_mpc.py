@@ -14,13 +14,13 @@ from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
 from rans import GoToPose, Spacecraft, Timing
+from rans.control.regulator import Deadband, Regulator, Weights
+from rans.episode.scenario import scenarios
 from rans.model.actuators import OnOff, Pulsed, Throttle
 from rans.model.body import Body
 from rans.model.dynamics import advance, wrench
 from rans.model.fields import leaves, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.optimal.control.regulator import Deadband, Regulator, Weights
-from rans.scenario import scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

@@ -11,10 +11,10 @@ from rans_optimal.objectives import (
 )
 
 from rans import Timing
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenario, scenarios
 from rans.evaluation.fly.contestants import contestant
-from rans.flight import Flight, fly
 from rans.model.fields import map_leaves
-from rans.scenario import scenario, scenarios
 from rans.tasks import (
     GoToPose,
     GoToPosition,

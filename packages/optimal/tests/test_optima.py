@@ -13,12 +13,12 @@ from rans_optimal.objectives import MinimumFuel, MinimumTime
 from rans_optimal.transcription import Trajectory
 
 from rans import GoToPose, Timing
+from rans.episode.scenario import Scenario, each, scenarios
 from rans.evaluation.measure.metrics import settling_times
 from rans.model.actuators import Pulsed, Throttle
 from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import replay
-from rans.scenario import Scenario, each, scenarios
 from tests.support.missions import Pass
 
 PLATFORM = load_spacecraft("floating-platform")

@@ -11,8 +11,8 @@ from rans_optimal.objectives import MinimumTime, SymbolicTrajectory
 from rans_optimal.pool import solve_all
 
 from rans import GoToPose
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
 TASK = GoToPose(spawn_distance=(3.0, 4.0))

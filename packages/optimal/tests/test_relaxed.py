@@ -10,9 +10,9 @@ from rans_optimal.objectives import MinimumFuel, MinimumTime
 from rans_optimal.optima import episode, optima
 
 from rans import GoToPose, Timing
+from rans.episode.scenario import each
 from rans.evaluation.compare.contest import Contest
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import each
 
 NEAR = GoToPose(evaluation_distance=(0.8, 0.9)).for_evaluation()
 CONTEST = Contest(load_spacecraft("floating-platform"), NEAR, Timing(episode_steps=40), 4, 2)

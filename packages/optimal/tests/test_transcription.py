@@ -24,10 +24,10 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from rans import GoToPosePriced, GoToPosition, Thruster, Timing, TrackVelocity
+from rans.episode.scenario import Scenario, batch, scenario
 from rans.model.drift import FREE, ClohessyWiltshire, UniformGravity, step_goal
 from rans.model.fields import Vec2, leaves, map_leaves
 from rans.reference.flight import replay
-from rans.scenario import Scenario, batch, scenario
 from rans.tasks.go_to_pose_priced import DrawnTradeOff
 from tests.support.crafts import nasty_planar
 from tests.support.problems import (

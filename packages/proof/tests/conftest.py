@@ -8,4 +8,4 @@ import pytest
 @pytest.fixture(autouse=True)
 def here(monkeypatch) -> None:
     """A certificate of a test is small, and a process would take longer than its check."""
-    monkeypatch.setattr("rans.processes.processors", lambda: 1)
+    monkeypatch.setattr("rans.base.processes.processors", lambda: 1)

@@ -23,7 +23,7 @@ from rans_proof.check import check  # noqa: E402
 from rans_proof.problem import problem_of  # noqa: E402
 from rans_proof.prove import ClosedLoop  # noqa: E402
 
-from rans.errors import ConfigError  # noqa: E402
+from rans.base.errors import ConfigError  # noqa: E402
 
 PROBLEM = """
 name = "x1 rises from 0 to 3e5, whatever the network says"

@@ -16,8 +16,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from rans.base.files import open_regular, why_unwritten
 from rans.extend import ConfigError, first_line, require
-from rans.files import open_regular, why_unwritten
 from rans_robot.messages import definition
 
 LARGEST_BAG = 2**31

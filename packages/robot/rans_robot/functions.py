@@ -318,7 +318,7 @@ def replay(bag: str | Path, folder: str | Path | None = None) -> BagReplay:
 
     Raises:
         ConfigError: the file is no bag of a flight, its agent is not there, or is an agent.py that is not trusted
-            (`rans.registry.trust_files`).
+            (`rans.base.registry.trust_files`).
     """
     from rans_robot.node import replay_bag
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.base.files import parse_json
 from rans.extend import ConfigError, brief, require
-from rans.files import parse_json
 
 POSE = "geometry_msgs/msg/PoseStamped"
 TWIST = "geometry_msgs/msg/TwistStamped"

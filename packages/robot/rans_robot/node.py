@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rans.base.registry import are_files_trusted
 from rans.extend import (
     QUANTITIES,
     TASKS,
@@ -31,7 +32,6 @@ from rans.extend import (
     read_contract,
     structure,
 )
-from rans.registry import are_files_trusted
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.effectors.commands import command_bounds
+from rans.episode.safety_filters import safety_filter
 from rans.evaluation.fly.exported import load_exported
 from rans.extend import (
     Ball,
@@ -46,7 +47,6 @@ from rans.extend import (
     reading,
     scenario,
 )
-from rans.safety_filters import safety_filter
 from rans.tasks.base import observation
 from rans_robot.frames import Motion, heading_of, quaternion_of
 from rans_robot.interfaces import (

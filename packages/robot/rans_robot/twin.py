@@ -85,7 +85,7 @@ class Craft:
     control period is one of ``control_period`` seconds. A pulsed thruster's pulse begins when its command comes.
 
     Raises:
-        ConfigError: the rate does not fit the control period, or see `rans.episode.World`.
+        ConfigError: the rate does not fit the control period, or see `rans.episode.step.World`.
     """
 
     def __init__(self, plan: TwinPlan) -> None:

@@ -11,8 +11,8 @@ import pytest
 def agent(tmp_path_factory) -> Path:
     """What a node flies: the shipped agent, as NumPy."""
     pytest.importorskip("rosbags")
+    from rans.base.pretrained import pretrained_folder
     from rans.deploy.export import write_export
-    from rans.pretrained import pretrained_folder
 
     folder = tmp_path_factory.mktemp("agent") / "go-to-pose-2d"
     write_export(pretrained_folder("go-to-pose-2d"), folder, "numpy", episodes=0)

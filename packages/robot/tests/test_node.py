@@ -34,10 +34,10 @@ from rans_robot.pilot import (
 from rans_robot.twin import VALVES_TOPIC, Craft, TwinPlan, run_twin
 
 from rans import ConfigError, GoToPose
+from rans.base.pretrained import pretrained_folder
 from rans.cli import main
 from rans.deploy.export import write_export
 from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import pretrained_folder
 from tests.support.processes import PATIENCE, wait_until
 from tests.support.robots import AWAY, Always, Wire, bag_of, hear_all, plan, started
 

@@ -24,10 +24,10 @@ from rans_robot.px4.export import write_px4
 from rans_robot.twin import Craft, TwinPlan
 
 from rans import load_spacecraft
+from rans.base.pretrained import pretrained_folder
+from rans.base.registry import typed
 from rans.deploy.export import write_export
 from rans.extend import ConfigError, Ports, Program
-from rans.pretrained import pretrained_folder
-from rans.registry import typed
 
 if shutil.which("c++") is None:
     pytest.skip("needs a C++ compiler", allow_module_level=True)

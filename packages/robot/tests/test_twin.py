@@ -13,10 +13,10 @@ from rans import (
     SensorsConditions,
     ThrusterConditions,
 )
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.contract import contract
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import pretrained_folder
 
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")

@@ -15,7 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from rans.episode import Episode
+from rans.episode.step import Episode
 from rans.extend import (
     ConfigError,
     Heading,

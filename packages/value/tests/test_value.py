@@ -21,18 +21,18 @@ from torch import Tensor
 
 from rans import TASKS, ConfigError, Engine, GoToPose, GoToPosePriced, Timing
 from rans.api.training import config_of
-from rans.episode import Setup
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import TrainConfig, training, training_of_quality
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
-from rans.flight import fly
 from rans.model.fields import wrap
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import scenarios
 from tests.support.damage import check
 from tests.support.draws import PLATFORM
 from tests.support.training import TINY, ignore

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, runtime_checkab
 
 import numpy as np
 
-from rans.errors import ConfigError, positive
+from rans.base.errors import ConfigError, positive
+from rans.base.registry import Registry
+from rans.episode.scenario import Scenario
 from rans.model.dynamics import State
 from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.model.timing import MOST_STEPS
-from rans.registry import Registry
-from rans.scenario import Scenario
 from rans.tasks.base import Task
 
 if TYPE_CHECKING:

@@ -13,8 +13,11 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from rans.episode import Guard, Setup
-from rans.errors import ConfigError, counted
+from rans.base.errors import ConfigError, counted
+from rans.base.progress import Progress, unseen
+from rans.episode.flight import Controller, Flight
+from rans.episode.scenario import Scenario, scenarios
+from rans.episode.step import Guard, Setup
 from rans.evaluation.compare.bounds import Event, count_of_periods
 from rans.evaluation.fly.episodes import EngineName, fly_episodes
 from rans.evaluation.measure.metrics import (
@@ -27,13 +30,10 @@ from rans.evaluation.measure.metrics import (
     staying_times,
     won,
 )
-from rans.flight import Controller, Flight
 from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.progress import Progress, unseen
 from rans.randomization.conditions import Conditions
-from rans.scenario import Scenario, scenarios
 from rans.tasks import Task
 
 
@@ -180,7 +180,7 @@ class Entry:
 
     @cached_property
     def settling(self) -> np.ndarray:
-        """Time at which each episode settled, (N,) s; infinite if it did not (`rans.verdict`)."""
+        """Time at which each episode settled, (N,) s; infinite if it did not (`rans.episode.verdict`)."""
         return settling_times(self.flight)
 
     @cached_property

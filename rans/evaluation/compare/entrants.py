@@ -11,8 +11,7 @@ from dataclasses import replace
 from os import PathLike
 from typing import Any, cast
 
-from rans.episode import Setup
-from rans.errors import (
+from rans.base.errors import (
     EXTRAS,
     ConfigError,
     RansError,
@@ -22,6 +21,9 @@ from rans.errors import (
     is_installed,
     require,
 )
+from rans.episode.flight import Controller
+from rans.episode.scenario import EVALUATION_SEED
+from rans.episode.step import Setup
 from rans.evaluation.compare.contest import Contest, Contestant
 from rans.evaluation.fly.agent import Agent, LoadedRun, run_of
 from rans.evaluation.fly.contestant_name import ContestantName
@@ -34,10 +36,8 @@ from rans.evaluation.fly.trade_off import FixedTradeOff
 from rans.evaluation.fly.tuned import tuned
 from rans.evaluation.fly.user_policy import UserPolicy
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import Controller
 from rans.model.random import seed_words
 from rans.randomization.conditions import Conditions
-from rans.scenario import EVALUATION_SEED
 from rans.tasks import Task
 from rans.tasks.derived import check_dimension
 

@@ -14,15 +14,15 @@ from pathlib import Path
 
 import numpy as np
 
-from rans.display import NotebookRepr
-from rans.errors import ConfigError, RansError, counted, where_raised
+from rans.base.display import NotebookRepr
+from rans.base.errors import ConfigError, RansError, counted, where_raised
+from rans.base.files import first_line
+from rans.base.progress import Progress, Stages, unseen_stages
+from rans.base.registry import Registry
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.bounds import Bound, Event, certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
 from rans.evaluation.problems import bounding
-from rans.files import first_line
-from rans.progress import Progress, Stages, unseen_stages
-from rans.registry import Registry
 
 _SLOW = ("mpc", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""

@@ -9,14 +9,14 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.base.progress import Progress, unseen
+from rans.episode.scenario import TUNING_SEED
+from rans.episode.step import Setup
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.tuned import Tuned, arguments, defaults, task_name, text_of_conditions
 from rans.model.spacecraft_file import to_toml
-from rans.progress import Progress, unseen
-from rans.scenario import TUNING_SEED
 
 _WIDE = 1 / 3
 """Share of the candidates that are drawn from the whole ranges; the others are close to the best so far."""

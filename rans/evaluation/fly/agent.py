@@ -12,18 +12,18 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 
+from rans.base.errors import ConfigError
 from rans.effectors.commands import is_identity, of_outputs
-from rans.episode import Guard, Setup
-from rans.errors import ConfigError
+from rans.episode.flight import Controller, informed
+from rans.episode.safety_filters import safety_filter
+from rans.episode.step import Guard, Setup
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.learn.run_folder import RunFolder
-from rans.flight import Controller, informed
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
 from rans.randomization.plausible import warn_of_implausible
-from rans.safety_filters import safety_filter
 from rans.tasks import Task
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Layout
@@ -62,7 +62,7 @@ class Agent:
         return agent
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; an agent with a memory forgets."""
+        """See `rans.episode.flight.Controller`; an agent with a memory forgets."""
         self._memory = self.network.initial_state(count)
 
     @torch.no_grad()
@@ -125,7 +125,7 @@ class LoadedRun(NamedTuple):
     def under(self, conditions: Conditions | None) -> LoadedRun:
         """The run under other conditions; None: under its own.
 
-        A controller that can expect conditions is informed of them (`rans.flight.informed`).
+        A controller that can expect conditions is informed of them (`rans.episode.flight.informed`).
         """
         if conditions is None:
             return self

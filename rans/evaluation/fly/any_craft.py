@@ -10,20 +10,20 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
+from rans.base.files import ready_folder, replace_file, write_json, write_text
+from rans.base.pretrained import ADAPTIVE, FOR_ANY_CRAFT
+from rans.episode.flight import Controller
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.fast.agent_files.agent import AGENT, actor_bytes, read_policy
 from rans.fast.learn.config import to_table
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import ready_folder, replace_file, write_json, write_text
-from rans.flight import Controller
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
 from rans.policy.backbone_registry import any_craft
 from rans.policy.network import Network
 from rans.policy.timing import flies_to_a_pose
-from rans.pretrained import ADAPTIVE, FOR_ANY_CRAFT
 from rans.tasks import registered_name
 from rans.tasks.go_to_pose import GoToPose
 from rans.tasks.go_to_position import GoToPosition
@@ -89,11 +89,11 @@ class AtAnyAttitude:
         self._flag = len(self._turn) + 3 * dimension - 3
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._agent.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         pose = observation.copy()
         pose[:, self._flag] = GoToPose.flag
         pose[:, -len(self._turn) :] = self._turn

@@ -15,15 +15,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
-from rans.errors import ConfigError, RansWarning
+from rans.base.errors import ConfigError, RansWarning
+from rans.base.files import package_version, read_json, write_json
+from rans.episode.scenario import CHOICE_SEED
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
-from rans.files import package_version, read_json, write_json
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.policy.backbone_registry import any_craft
-from rans.scenario import CHOICE_SEED
 from rans.tasks.go_to_pose import GoToPose
 
 VALUES = (0.4, 0.3, 0.0)

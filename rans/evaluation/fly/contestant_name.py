@@ -15,19 +15,19 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from rans.errors import ConfigError, RansWarning, brief, meant_file
-from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
-from rans.files import distinct
-from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import (
+from rans.base.errors import ConfigError, RansWarning, brief, meant_file
+from rans.base.files import distinct
+from rans.base.pretrained import (
     ADAPTIVE,
     FOR_ANY_CRAFT,
     missing_agents,
     pretrained_folder,
     pretrained_names,
 )
-from rans.registry import allow_current_folder, typed
+from rans.base.registry import allow_current_folder, typed
+from rans.evaluation.fly.controllers import CONTROLLERS
+from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
+from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS, registered_name
 
 if TYPE_CHECKING:

@@ -12,17 +12,17 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import NamedTuple
 
-from rans.episode import Setup
-from rans.errors import ConfigError, RansWarning, brief
+from rans.base.errors import ConfigError, RansWarning, brief
+from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
+from rans.base.registry import Registry, are_files_trusted, typed
+from rans.episode.flight import Controller
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
-from rans.flight import Controller
 from rans.model.spacecraft_file import USUAL, load_spacecraft
-from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder
-from rans.registry import Registry, are_files_trusted, typed
 from rans.tasks import TASKS, Task, registered_name
 
 FLIGHTS: Registry[Callable[[str, Setup], Controller]] = Registry(
@@ -51,7 +51,7 @@ def contestant(
     """Load a contestant, with the setup in which it flies.
 
     Args:
-        spec: its name, parsed or as text: a run folder; ``pretrained:NAME`` (see `rans.pretrained`), or NAME where
+        spec: its name, parsed or as text: a run folder; ``pretrained:NAME`` (`rans.base.pretrained`), or NAME where
             no folder has that name; ``CONTROLLER:TASK-2d`` or ``-3d`` with a name of `CONTROLLERS` or MODULE:NAME,
             which fly the floating platform or the free flyer, or another spacecraft as in
             ``CONTROLLER:go-to-pose-2d@floating-platform-shared``, with the task's timing unless a protocol

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from rans.registry import Registry
+from rans.base.registry import Registry
 
 if TYPE_CHECKING:
-    from rans.flight import Controller
+    from rans.episode.flight import Controller
     from rans.tasks import Task
 
 Maker = Callable[..., "Controller"]
@@ -18,8 +18,8 @@ CONTROLLERS: Registry[Maker] = Registry(
     "controller",
     "rans.controllers",
     {
-        "lqr": "rans.optimal.control.lqr:LQR",
-        "switching": "rans.optimal.control.switching:Switching",
+        "lqr": "rans.control.lqr:LQR",
+        "switching": "rans.control.switching:Switching",
     },
     "rans.evaluation.fly.make_controller:checked",
     elsewhere={
@@ -37,7 +37,7 @@ MODULES = {
     "mpc": ("casadi",),
     "optimal": ("casadi", "numba"),
 }
-"""Modules of `rans.errors.EXTRAS` that opponents of a comparison need."""
+"""Modules of `rans.base.errors.EXTRAS` that opponents of a comparison need."""
 
 BESIDE = ("lqr", "switching", "mpc", "optimal")
 """Default opponents of a comparison: controllers, and the best that is possible."""

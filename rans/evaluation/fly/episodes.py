@@ -9,16 +9,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.choices import EngineName
-from rans.episode import Setup
-from rans.executors import chosen_executor
+from rans.base.choices import EngineName
+from rans.base.executors import chosen_executor
+from rans.base.processes import Workers
+from rans.base.progress import Progress, unseen
+from rans.episode.flight import Controller, Flight, fly
+from rans.episode.scenario import Endpoints, draws, sampled_scenarios
+from rans.episode.step import Setup
 from rans.fast.threads import one_thread
-from rans.flight import Controller, Flight, fly
 from rans.model.fields import map_leaves
 from rans.model.random import Draws
-from rans.processes import Workers
-from rans.progress import Progress, unseen
-from rans.scenario import Endpoints, draws, sampled_scenarios
 
 _SHARE = 64
 """Number of episodes that a process flies at once in Drake: with more an episode takes no less time."""
@@ -47,10 +47,10 @@ def fly_episodes(
             or how many a process flies at once, and ``together`` that its commands belong to the numbers of
             episodes, which then fly in one process.
         setup: spacecraft, task with its starts, and timing.
-        seed: seed of starts and goals, which are those of `rans.scenario.scenarios`.
+        seed: seed of starts and goals, which are those of `rans.episode.scenario.scenarios`.
         episodes: number of episodes.
         engine: engine that computes the motion.
-        workers: processes, by default one per processor; 1: this one (see `rans.processes.Workers`).
+        workers: processes, by default one per processor; 1: this one (see `rans.base.processes.Workers`).
         progress: reports episodes.
         first: number of the first episode.
         endpoints: start and goal of all episodes, of which only the conditions differ; None: sampled ones.

@@ -7,15 +7,15 @@ import hashlib
 from collections.abc import Iterable
 from typing import Any
 
-from rans.episode import Setup
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.base.files import environment, made_by, read_bytes
+from rans.base.system import PACKAGE_FOLDER
+from rans.episode.step import Setup
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.fast.learn.run_folder import RunFolder
-from rans.files import environment, made_by, read_bytes
 from rans.model.spacecraft_file import to_toml
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import conditions_text
-from rans.system import PACKAGE_FOLDER
 
 _LARGEST = 2**31
 """Largest number of bytes of a file of weights, as for archives."""

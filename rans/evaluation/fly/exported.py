@@ -7,15 +7,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError, brief, one_line, positive
+from rans.base.errors import ConfigError, brief, one_line, positive
+from rans.base.files import inside, read_text, reading
+from rans.base.structure import LARGEST_TOML, structure
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.user_policy import user_policy
-from rans.files import inside, read_text, reading
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
 from rans.model.timing import Timing
 from rans.policy.timing import timing_of_file
-from rans.structure import LARGEST_TOML, structure
 from rans.tasks import TASKS, Task
 
 CONTRACT = "contract.json"

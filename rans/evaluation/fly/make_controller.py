@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.episode import Guard, Setup
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
+from rans.episode.flight import Controller, informed
+from rans.episode.safety_filters import safety_filter
+from rans.episode.step import Guard, Setup
 from rans.evaluation.fly.controllers import CONTROLLERS, Maker
 from rans.evaluation.fly.tuned import arguments, tuned
 from rans.evaluation.fly.user_policy import answered, named
-from rans.flight import Controller, informed
 from rans.model.fields import Field
 from rans.model.spacecraft import Spacecraft
-from rans.safety_filters import safety_filter
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -41,7 +41,7 @@ def _check_methods(who: str, instance: object) -> None:
     if missing:
         raise ConfigError(
             f"{who} is no controller: it has no {' and no '.join(missing)}; see "
-            "rans.flight.Controller."
+            "rans.episode.flight.Controller."
         )
 
 
@@ -107,12 +107,12 @@ class CheckedController:
         return getattr(self._made, "failures", 0)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         with named(f"{self._who} failed"):
             self._made.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller` and `answered`."""
+        """See `rans.episode.flight.Controller` and `answered`."""
         return answered(
             self._who,
             lambda: self._made.act(state, goal, observation),

@@ -7,14 +7,14 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from rans.environment import Environment
-from rans.episode import Setup
-from rans.errors import ConfigError, brief
+from rans.base.errors import ConfigError, brief
+from rans.base.registry import typed
+from rans.episode.environment import Environment
+from rans.episode.flight import Controller, begin_flight
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import run_of
 from rans.evaluation.fly.make_controller import controller
-from rans.flight import Controller, begin_flight
 from rans.model.fields import map_leaves
-from rans.registry import typed
 
 
 class Pilot:
@@ -29,7 +29,7 @@ class Pilot:
     Args:
         who: a name of `rans.evaluation.fly.controllers.CONTROLLERS`, or MODULE:NAME, see `controller`; or
             the result of `rans.load_agent`.
-        env: environment of `rans.environment`, in any wrappers.
+        env: environment of `rans.episode.environment`, in any wrappers.
 
     Raises:
         ConfigError: the environment is another, there is no such controller, or it is not for this craft.

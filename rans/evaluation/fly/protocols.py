@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import fields, replace
 from typing import Any, get_args
 
-from rans.choices import ProtocolName
-from rans.episode import Setup
-from rans.errors import ConfigError, one_of
+from rans.base.choices import ProtocolName
+from rans.base.errors import ConfigError, one_of
+from rans.episode.step import Setup
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import SPACECRAFT
 from rans.model.timing import Timing

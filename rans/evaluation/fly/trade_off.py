@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.flight import Controller, informed
+from rans.episode.flight import Controller, informed
 from rans.randomization.conditions import Conditions
 
 
@@ -19,14 +19,14 @@ class FixedTradeOff:
         self._agent = agent
 
     def expecting(self, conditions: Conditions | None) -> FixedTradeOff:
-        """This agent for flights under these conditions, if it can expect them (`rans.flight.informed`)."""
+        """This agent for flights under these conditions, if it can expect them (`rans.episode.flight.informed`)."""
         return FixedTradeOff(informed(self._agent, conditions), self.trade_off)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._agent.reset(count)
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         trade_off = np.full((len(observation), 1), self.trade_off, observation.dtype)
         return self._agent.act(state, goal, np.hstack((observation, trade_off)))

@@ -9,14 +9,14 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypedDict
 
-from rans.episode import Setup
-from rans.errors import ConfigError, is_finite
+from rans.base.errors import ConfigError, is_finite
+from rans.base.files import distinct, inside, read_json, write_json
+from rans.base.structure import Number, structure
+from rans.episode.step import Setup
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.files import distinct, inside, read_json, write_json
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import spacecraft_label, to_toml
 from rans.randomization.conditions_file import conditions_text
-from rans.structure import Number, structure
 from rans.tasks import Task, registered_name
 
 SHIPPED = Path(__file__).parents[2] / "data" / "controllers"
@@ -78,7 +78,7 @@ class Tuned:
             ) from error
 
     def write(self, file: Path) -> None:
-        """See `rans.files.write_json`."""
+        """See `rans.base.files.write_json`."""
         write_json(file, asdict(self))
 
     def fits(self, name: str, setup: Setup) -> bool:

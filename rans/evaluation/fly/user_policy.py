@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from rans.base.errors import ConfigError, RansError, brief, where_raised
+from rans.base.registry import Registry, resolve_typed
 from rans.effectors.commands import check_commands, clipped
-from rans.errors import ConfigError, RansError, brief, where_raised
 from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
 from rans.model.spacecraft import Spacecraft
-from rans.registry import Registry, resolve_typed
 from rans.tasks import Task
 
 ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any]]
@@ -58,11 +58,11 @@ class UserPolicy:
         return user_policy, (self._spec, self._craft, self._task, self._trust)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._memory = None
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller` and `answered`; reads the observation only."""
+        """See `rans.episode.flight.Controller` and `answered`; reads the observation only."""
         commands, self._memory = self.decide(observation, self._memory)
         return commands
 

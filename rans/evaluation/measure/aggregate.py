@@ -14,8 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from rans.display import NotebookRepr
-from rans.errors import NoSuchKey, brief, counted, meant
+from rans.base.display import NotebookRepr
+from rans.base.errors import NoSuchKey, brief, counted, meant
+from rans.base.files import number, replace_file
+from rans.base.table import Table
+from rans.episode.flight import Flight
 from rans.evaluation.measure.metrics import Sample, samples
 from rans.evaluation.measure.statistics import (
     Bootstrap,
@@ -25,10 +28,7 @@ from rans.evaluation.measure.statistics import (
     quantity,
     share,
 )
-from rans.files import number, replace_file
-from rans.flight import Flight
 from rans.model.fields import leaves
-from rans.table import Table
 
 COLUMNS = ("metric", "value", "95 % interval", "meaning")
 """Headings of `Metrics.lines`."""
@@ -91,7 +91,7 @@ class Metrics(NotebookRepr, Mapping[str, Metric]):
         return len(self.rows)
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
+        """Data for `rans.base.files.write_json`."""
         return dataclasses.asdict(self)
 
     @classmethod

@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans import verdict
-from rans.errors import ConfigError, brief
-from rans.flight import Flight
+from rans.base.errors import ConfigError, brief
+from rans.base.registry import Registry
+from rans.episode import verdict
+from rans.episode.flight import Flight
 from rans.model.dynamics import mean_thrust
-from rans.registry import Registry
 from rans.tasks import Task
 from rans.tasks.goal_set import REST_SPEED, REST_SPIN, arrived, asks_rest
 from rans.tasks.quantities import QUANTITIES, Quantity
@@ -103,7 +103,7 @@ def samples(flight: Flight) -> Iterator[Sample]:
 
 
 def settling_times(flight: Flight) -> np.ndarray:
-    """Time at which each episode settled, (N,) s; infinite if it was not solved (`rans.verdict`)."""
+    """Time at which each episode settled, (N,) s; infinite if it was not solved (`rans.episode.verdict`)."""
     result = flight.verdict
     return np.where(result.solved, result.settled * flight.timing.control_period, np.inf)
 
@@ -211,7 +211,7 @@ def returns(flight: Flight) -> np.ndarray:
 
 
 def solved(flight: Flight) -> np.ndarray:
-    """(N,) whether each episode was solved (`rans.verdict`)."""
+    """(N,) whether each episode was solved (`rans.episode.verdict`)."""
     return np.asarray(flight.verdict.solved)
 
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import counted
+from rans.base.errors import counted
 
 RESAMPLES = 1000
 """Number of bootstrap resamples: 25 of them lie beyond each end of a 95 % interval."""

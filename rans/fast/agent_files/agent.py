@@ -1,7 +1,7 @@
 """Agent files: weights as safetensors with their description as JSON in the header; reading one runs no code.
 
 A training stores its agent in ``agent.safetensors``, an exported agent has that file without its critic.
-Files of every release must stay readable (`tests/test_pretrained.py`): new keys have
+Files of every release must stay readable (`tests/base/test_pretrained.py`): new keys have
 defaults.
 """
 
@@ -17,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.errors import ConfigError, NonFiniteState, RansError, brief
+from rans.base.errors import ConfigError, NonFiniteState, RansError, brief
+from rans.base.files import first_line, plain, read_bytes
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
-from rans.files import first_line, plain, read_bytes
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import ESTIMATORS
 from rans.policy.architecture import EXTRACTOR, Architecture

@@ -11,8 +11,8 @@ from safetensors import SafetensorError
 from safetensors.torch import load, save
 from torch import Tensor
 
-from rans.errors import ConfigError, brief
-from rans.files import first_line, parse_json
+from rans.base.errors import ConfigError, brief
+from rans.base.files import first_line, parse_json
 
 _TABLE = "rans"
 """Key of the metadata: table of everything but the tensors, as JSON."""

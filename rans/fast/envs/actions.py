@@ -8,9 +8,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from rans.base.errors import ConfigError
 from rans.effectors.commands import allowed, check_commands, command_bounds, limits
-from rans.environment import action_array, dense
-from rans.errors import ConfigError
+from rans.episode.environment import action_array, dense
 from rans.fast.engine import Engine
 
 

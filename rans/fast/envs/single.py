@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rans.environment import Environment
+from rans.episode.environment import Environment
 
 
 class SpacecraftEnv(Environment):
@@ -14,7 +14,7 @@ class SpacecraftEnv(Environment):
 
     ``gymnasium.make("rans/GoToPose2D-v0")`` creates it. It has the same episodes as one environment of
     `rans.SpacecraftVectorEnv` and as `rans.reference.flight.DrakeEnv`. Arguments, observations and ``info``
-    are those of `rans.environment.Environment`.
+    are those of `rans.episode.environment.Environment`.
     """
 
     def _mover(self) -> None:

@@ -17,9 +17,11 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from torch import Tensor
 
+from rans.base.errors import ConfigError, NamedArguments, brief, checked, whole
+from rans.base.settled import settled
 from rans.effectors.commands import action_space
-from rans.environment import choose, observation_space, own_spec
-from rans.errors import ConfigError, NamedArguments, brief, checked, whole
+from rans.episode.environment import choose, observation_space, own_spec
+from rans.episode.scenario import Scenario, each
 from rans.fast.engine import Engine
 from rans.fast.envs.actions import Actions
 from rans.fast.stepping.step import Step
@@ -27,8 +29,6 @@ from rans.model.fields import map_leaves
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.randomization.conditions import Conditions
-from rans.scenario import Scenario, each
-from rans.settled import settled
 from rans.tasks import Task
 from rans.tasks.observation_terms import Dimension
 
@@ -217,7 +217,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         """A frame (480, 640, 3), uint8, of each spacecraft in the mode "rgb_array", else None."""
         if self.render_mode is None:
             return None
-        from rans.drawing import Scene
+        from rans.episode.drawing import Scene
 
         if not self._seeded:
             raise ResetNeeded("call reset() before render().")
@@ -231,7 +231,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
         return tuple(scene.render(one.start, one.goal, shut) for one in each(Scenario(*ends)))
 
     def _within(self, observation: Tensor) -> Tensor:
-        """Observations (N, width), contiguous, within the bounds of their space; see `rans.environment.within`."""
+        """Observations (N, width), contiguous, within the bounds of their space; see `within`."""
         return observation.clamp(-self._high, self._high).contiguous()
 
     def _stepped(self, actions: Tensor) -> Step:

@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from rans.errors import ConfigError, brief
-from rans.registry import Registry
-from rans.structure import structure
+from rans.base.errors import ConfigError, brief
+from rans.base.registry import Registry
+from rans.base.structure import structure
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig

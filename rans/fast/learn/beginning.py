@@ -8,9 +8,9 @@ from typing import get_args
 
 import torch
 
+from rans.base.errors import ConfigError, NonFiniteState
 from rans.compile.machine_code import compiled_preprocessor
 from rans.effectors.commands import allowed, is_identity
-from rans.errors import ConfigError, NonFiniteState
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.learner import Learner, Made, Making

@@ -18,22 +18,22 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Literal, get_args
 
-from rans.choices import Quality
-from rans.display import Settings
-from rans.errors import ConfigError, brief, fits, meant, meant_file, one_of, whole
+from rans.base.choices import Quality
+from rans.base.display import Settings
+from rans.base.errors import ConfigError, brief, fits, meant, meant_file, one_of, whole
+from rans.base.files import read_text
+from rans.base.pretrained import RECIPE_FOLDER, agent_recipes
+from rans.base.registry import typed
+from rans.base.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 from rans.fast.device import torch_device
 from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.curriculum import Ramp, check_ramps
-from rans.files import read_text
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.backbone_registry import BACKBONES
-from rans.pretrained import RECIPE_FOLDER, agent_recipes
 from rans.randomization.conditions import Conditions
 from rans.randomization.conditions_file import load_conditions
-from rans.registry import typed
-from rans.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 from rans.tasks import TASKS, Task
 
 Precision = Literal["float32", "tf32", "bf16"]
@@ -656,7 +656,7 @@ def change_entry(table: dict[str, Any], name: str, value: Any) -> None:
     Args:
         table: config from `rans.fast.learn.config.to_table`, changed in place.
         name: see `entry_named`.
-        value: new value, which the user has given: names in it may be MODULE:NAME (`rans.registry.typed`).
+        value: new value, which the user has given: names in it may be MODULE:NAME (`rans.base.registry.typed`).
 
     Raises:
         ConfigError: see `entry_named`.

@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rans.errors import ConfigError, one_of
-from rans.structure import Range
+from rans.base.errors import ConfigError, one_of
+from rans.base.structure import Range
 from rans.tasks import Task
 from rans.tasks.settings import map_settings
 

@@ -6,14 +6,14 @@ import shlex
 
 import torch
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.base.pretrained import agent_path, missing_agents, pretrained_names
 from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.architecture import EXTRACTOR, Architecture
 from rans.policy.backbone_registry import any_craft
 from rans.policy.network import Network
-from rans.pretrained import agent_path, missing_agents, pretrained_names
 
 _SETTLED = 1e12
 """Number of observations assigned to loaded statistics, so that training does not change them."""

@@ -6,15 +6,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from rans import files
-from rans.errors import ConfigError, brief, is_finite, meant_file, one_line, whole
+from rans.base import files
+from rans.base.errors import ConfigError, brief, is_finite, meant_file, one_line, whole
+from rans.base.pretrained import FOR_ANY_CRAFT
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import TrainConfig, from_table, to_table
 from rans.model.foreign import FORMATS
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
-from rans.pretrained import FOR_ANY_CRAFT
 
 CHECKPOINT = "checkpoint.safetensors"
 """File from which a training resumes."""
@@ -37,7 +37,7 @@ class RunFolder:
         path: the folder; need not exist.
 
     Raises:
-        ConfigError: one of these files is a symbolic link, see `rans.files.inside`.
+        ConfigError: one of these files is a symbolic link, see `rans.base.files.inside`.
     """
 
     def __init__(self, path: Path) -> None:
@@ -238,7 +238,7 @@ def read_config(file: Path) -> TrainConfig:
     """Training config in a JSON file, such as ``config.json`` of a run.
 
     Raises:
-        ConfigError: the file has no valid config, or names a task that is not trusted (`rans.registry.Registry`).
+        ConfigError: the file has no valid config, or names a task that is not trusted (`Registry`).
     """
     table = files.read_json(file)
     if isinstance(table, dict):

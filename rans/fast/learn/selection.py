@@ -8,7 +8,9 @@ from statistics import fmean
 import torch
 from torch import Tensor
 
-from rans.episode import Guard
+from rans.episode.scenario import SELECTION_SEED
+from rans.episode.step import Guard
+from rans.episode.verdict import FlightAccumulator, last_fifth
 from rans.fast.engine import Engine
 from rans.fast.learn.graph import graphed
 from rans.model.fields import map_leaves
@@ -16,9 +18,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network
 from rans.randomization.conditions import Conditions
-from rans.scenario import SELECTION_SEED
 from rans.tasks import Task
-from rans.verdict import FlightAccumulator, last_fifth
 
 EPISODES = 1024
 
@@ -63,8 +63,8 @@ class Selection:
     def judge(self) -> dict[str, float]:
         """Figures of an evaluation by their names in the log.
 
-        "success" is the share of episodes that are solved (`rans.verdict`), for a multi-task that of its worst
-        task; "duty" is the mean share of open thrusters; "error/..." are mean errors before each step of the
+        "success" is the share of episodes that are solved (`rans.episode.verdict`), for a multi-task that of its
+        worst task; "duty" is the mean share of open thrusters; "error/..." are mean errors before each step of the
         last fifth. Episodes started after a failure enter the means. Errors of a multi-task are named
         "error/go-to-pose/position".
         """
@@ -86,8 +86,8 @@ class Selection:
     def _flown(self, engine: Engine) -> Tensor:
         """Results of one episode per environment: duty, success share and mean errors, (2 + errors,).
 
-        Nothing is read on the host before the end: a GPU computes it without waiting. Solved is what `rans.verdict`
-        says.
+        Nothing is read on the host before the end: a GPU computes it without waiting. Solved is what
+        `rans.episode.verdict` says.
         """
         steps = engine.timing.episode_steps
         last = last_fifth(steps)

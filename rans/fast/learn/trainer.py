@@ -14,15 +14,16 @@ from typing import Any
 
 import torch
 
-from rans.compile.machine_code import machine_code
-from rans.episode import Guard
-from rans.errors import (
+from rans.base.errors import (
     ConfigError,
     NonFiniteState,
     RansWarning,
     WorkerLost,
     installing,
 )
+from rans.base.files import inside_for_others, replace_file
+from rans.compile.machine_code import machine_code
+from rans.episode.step import Guard
 from rans.fast.agent_files.agent import agent_bytes
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
@@ -37,7 +38,6 @@ from rans.fast.learn.policy_file import begin_from, teacher
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.stepping.step import field_dtype
-from rans.files import inside_for_others, replace_file
 from rans.model.spacecraft import Spacecraft
 from rans.policy.backbone_registry import any_craft
 from rans.policy.network import Network

@@ -14,8 +14,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.episode import Episode, StepAndRestart, World, step_and_restart
-from rans.errors import ConfigError, brief, whole
+from rans.base.errors import ConfigError, brief, whole
+from rans.episode.step import Episode, StepAndRestart, World, step_and_restart
 from rans.fast.distributed import Processes
 from rans.model.body import Body
 from rans.model.dynamics import NODES
@@ -37,14 +37,14 @@ class Step(NamedTuple):
     observation: Tensor
     """(N, width): observation after the step; the first one of the new episode where one ended."""
     reward: Tensor
-    """(N,): reward; of a lost state (`rans.episode.Outcome.lost`) that of the one before, or 0."""
+    """(N,): reward; of a lost state (`rans.episode.step.Outcome.lost`) that of the one before, or 0."""
     terminated: Tensor
     """(N,) bool: the task ended the episode by failure or success."""
     truncated: Tensor
     """(N,) bool: time is up, and the task did not end the episode."""
     final_observation: Tensor
     """(N, width): observation of the last state of episodes that ended; where the state was lost
-    (`rans.episode.Outcome.lost`), of the one before, which is finite. Other rows are undefined."""
+    (`rans.episode.step.Outcome.lost`), of the one before, which is finite. Other rows are undefined."""
     reached: Tensor
     """(N,) bool: within the task's tolerances at the end of the period without a failure, or the mission is won."""
     terms: Tensor

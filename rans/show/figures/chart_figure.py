@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.errors import legible
+from rans.base.errors import legible
 from rans.show.figures.panels import PLAIN, STYLE, label, styled
 from rans.show.figures.picture_file import save_picture
 from rans.show.figures.plotting import (

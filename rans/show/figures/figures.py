@@ -8,8 +8,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rans.files import write_text
-from rans.flight import Flight
+from rans.base.files import write_text
+from rans.episode.flight import Flight
 from rans.show.charts import flight_charts
 from rans.show.figures import panels
 from rans.show.figures.chart_figure import charts_figure

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.episode.outline import nozzles
 from rans.model.spacecraft import Spacecraft
-from rans.outline import nozzles
 from rans.show.figures.panels import styled
 from rans.show.figures.plotting import Circle, Figure, MaxNLocator
 

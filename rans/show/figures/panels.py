@@ -1,6 +1,6 @@
 """The panels that figures of flights are made of: each draws one quantity into given axes.
 
-Panels get flights as `rans.flight.Flight` has them: (T + 1, N) states in SI units, shown in display units.
+Panels get flights as `rans.episode.flight.Flight` has them: (T + 1, N) states in SI units, shown in display units.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from rans.drawing import columns, outlines, rotations
-from rans.flight import Flight
+from rans.episode.drawing import columns, outlines, rotations
+from rans.episode.flight import Flight
 from rans.model.fields import map_leaves
 from rans.show.figures.plotting import (
     Axes,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rans.errors import ConfigError
-from rans.files import replace_file
+from rans.base.errors import ConfigError
+from rans.base.files import replace_file
 from rans.show.figures.plotting import Figure
 
 

@@ -14,7 +14,7 @@ import contextlib
 import os
 import sys
 
-from rans.errors import require
+from rans.base.errors import require
 
 
 def _load() -> None:

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rans.errors import Late, counted, is_installed
+from rans.base.errors import Late, counted, is_installed
+from rans.base.files import environment, write_json
+from rans.base.table import Table
+from rans.base.terminal import doing
+from rans.episode.flight import fly
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.run import Comparison
 from rans.evaluation.measure.statistics import Estimate
-from rans.files import environment, write_json
-from rans.flight import fly
 from rans.show.pages.chart import Chart
 from rans.show.pages.comparison_charts import margin_charts, plane_chart
 from rans.show.pages.page import Fact, Page, Picture, Section, header
@@ -26,8 +28,6 @@ from rans.show.pages.race import Race, Track, gallery, has_place
 from rans.show.pages.report import comparison_section, layout_picture
 from rans.show.palette import FOUND
 from rans.show.tables import comparison_tables as tables
-from rans.table import Table
-from rans.terminal import doing
 
 if TYPE_CHECKING:
     from rans.show.figures import chart_figure

@@ -6,9 +6,10 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from rans.errors import legible
+from rans.base.errors import legible
+from rans.base.table import Table
+from rans.episode.flight import Flight
 from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.flight import Flight
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
 from rans.show import markup
@@ -21,7 +22,6 @@ from rans.show.tables.listing import (
     task_listings,
     thruster_listing,
 )
-from rans.table import Table
 from rans.tasks import Task
 
 

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
-from rans.errors import counted, installing, is_installed
-from rans.files import write_text
+from rans.base.errors import counted, installing, is_installed
+from rans.base.files import write_text
+from rans.base.table import Table, cell_text
 from rans.show import markup
 from rans.show.pages.chart import Chart
-from rans.table import Table, cell_text
 
 if TYPE_CHECKING:
+    from rans.base.terminal import Terminal
     from rans.show.figures.plotting import Figure
     from rans.show.pages.race import Race
-    from rans.terminal import Terminal
 
 
 @dataclass(frozen=True)

@@ -16,15 +16,17 @@ from typing import Any, Literal, Protocol, runtime_checkable
 
 import numpy as np
 
+from rans.base.errors import ConfigError
+from rans.base.files import write_text
 from rans.compile.javascript import JAVASCRIPT, activations, function, substep_functions
 from rans.compile.substeps import Substeps
 from rans.effectors.commands import of_outputs
-from rans.episode import Episode, Setup, World, step
-from rans.errors import ConfigError
+from rans.episode.flight import Controller, informed
+from rans.episode.outline import outline_values
+from rans.episode.scenario import EVALUATION_SEED
+from rans.episode.step import Episode, Setup, World, step
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.tuned import task_name
-from rans.files import write_text
-from rans.flight import Controller, informed
 from rans.model.body import Body
 from rans.model.coordinates import around
 from rans.model.drift import FREE
@@ -32,14 +34,12 @@ from rans.model.fields import Field, leaves, unflatten
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft import Spacecraft
 from rans.model.trace import UNTRACEABLE, Symbol
-from rans.outline import outline_values
 from rans.policy.network import Network
 from rans.policy.program import inputs
 from rans.policy.scalars import symbols
 from rans.policy.traced import parameters, policy_program
 from rans.randomization.conditions import Conditions, bounds
 from rans.randomization.parameters import StepInputs
-from rans.scenario import EVALUATION_SEED
 from rans.show import markup
 from rans.show.pages.page import filled
 from rans.tasks import Task

@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from rans.episode.flight import Flight
+from rans.episode.outline import outline_values
 from rans.evaluation.measure.metrics import arrival_times
-from rans.flight import Flight
 from rans.model.dynamics import State
 from rans.model.fields import Vec2, Vec3, leaves, map_leaves
 from rans.model.spacecraft import Spacecraft
-from rans.outline import outline_values
 from rans.show.palette import series_style
 from rans.tasks.shapes import Ball, Cone, GlideSlope
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.episode.flight import Flight
 from rans.evaluation.measure.metrics import arrival_times
-from rans.flight import Flight
 from rans.model.fields import leaves
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import Track, race

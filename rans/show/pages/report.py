@@ -12,10 +12,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from rans.errors import ConfigError, Late, brief, counted, meant_file
-from rans.evaluation.measure.aggregate import COLUMNS, Metrics
-from rans.evaluation.measure.statistics import WANTED, figure, too_few
-from rans.files import (
+from rans.base.errors import ConfigError, Late, brief, counted, meant_file
+from rans.base.files import (
     environment,
     folders_with,
     inside,
@@ -23,16 +21,18 @@ from rans.files import (
     read_text,
     reading,
 )
-from rans.flight import Flight
+from rans.base.registry import Registry
+from rans.base.table import Table
+from rans.episode.flight import Flight
+from rans.evaluation.measure.aggregate import COLUMNS, Metrics
+from rans.evaluation.measure.statistics import WANTED, figure, too_few
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft
-from rans.registry import Registry
 from rans.show.charts import learning_charts
 from rans.show.pages.chart import Chart, Mark, Series
 from rans.show.pages.page import Fact, Page, Picture, Section, header, named, show
 from rans.show.pages.race import median_and_slowest
 from rans.show.palette import series_style
-from rans.table import Table
 
 SOLVED_SHARE = 100.0 * WANTED
 """Share of episodes, %, from which a task counts as solved."""

@@ -13,16 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from rans.errors import counted
+from rans.base.errors import counted
+from rans.base.files import environment
+from rans.base.table import Table
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Entry, Spending
 from rans.evaluation.compare.run import Comparison, Relaxed
 from rans.evaluation.measure.aggregate import estimated
 from rans.evaluation.measure.metrics import further_samples
 from rans.evaluation.measure.statistics import Bootstrap, Estimate, figure, share
-from rans.files import environment
 from rans.show.palette import series_style
-from rans.table import Table
 from rans.tasks.base import Task
 from rans.tasks.quantities import QUANTITIES
 

@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any
 
-from rans.display import default, meanings
+from rans.base.display import default, meanings
+from rans.base.table import Table
 from rans.model.pace import seconds_for_a_metre, seconds_for_half_a_turn
 from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions
-from rans.table import Table
 from rans.tasks import Task, observation_columns
 from rans.tasks.derived import PLACES, dimensions, example_state
 from rans.tasks.quantities import QUANTITIES

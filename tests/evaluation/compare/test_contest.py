@@ -10,9 +10,9 @@ import pytest
 from rans_bounds.goal_set import goal_set
 
 from rans import LQR, ConfigError, GoToPose, Timing
+from rans.episode.flight import Flight
 from rans.evaluation.compare.bounds import Event
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
-from rans.flight import Flight
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft

@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from rans import ConfigError, GoToPose, Timing
+from rans.episode.scenario import EVALUATION_SEED
 from rans.evaluation.compare import entrants
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist, simple_controller
 from rans.evaluation.fly import contestant_name
-from rans.scenario import EVALUATION_SEED
 
 IDLE = "python:tests.support.policies:idle"
 
@@ -61,7 +61,7 @@ def test_what_everybody_knows_and_cost(contest):
     idle = enlist(IDLE, contest)
     assert (lqr.name, lqr.knows) == ("LQR", "state, exact model")
     assert lqr.tuning.startswith("tuned: ")
-    default = enlist("rans.optimal.control.lqr:LQR:go-to-pose-2d", contest)
+    default = enlist("rans.control.lqr:LQR:go-to-pose-2d", contest)
     assert default.tuning == "none: default settings"
     assert (idle.knows, idle.tuning) == ("observation", "not known")
     beside = simple_controller("mpc", contest)

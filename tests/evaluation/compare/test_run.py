@@ -13,10 +13,10 @@ from rans_bounds.problem import SearchEffort
 from rans_optimal import relaxed
 
 from rans import ConfigError, Timing
+from rans.base.progress import unseen_stages
+from rans.episode.flight import fly
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import TYPICAL, Comparison
-from rans.flight import fly
-from rans.progress import unseen_stages
 from rans.show.pages.comparison_page import page
 from rans.show.pages.report import comparison_section
 from rans.show.tables.comparison_tables import (

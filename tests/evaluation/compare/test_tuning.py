@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 
 from rans import LQR, ConfigError, GoToPose, Timing
-from rans.episode import Setup
+from rans.base.registry import typed
+from rans.episode.scenario import EVALUATION_SEED, SELECTION_SEED, TUNING_SEED
+from rans.episode.step import Setup
 from rans.evaluation.compare.contest import Contest, Contestant, Entry
 from rans.evaluation.compare.tuning import cost, tuned_settings
 from rans.evaluation.fly.tuned import arguments
 from rans.evaluation.measure.metrics import impulses, settling_times
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
-from rans.registry import typed
-from rans.scenario import EVALUATION_SEED, SELECTION_SEED, TUNING_SEED
 
 HERE = "tests.evaluation.compare.test_tuning"
 SETUP = Setup(
@@ -44,11 +44,11 @@ class Firing:
         self._count = len(craft.thrusters)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._step += 1
         return np.full((len(observation), self._count), float(self._step * self._share >= 2.0))
 

@@ -9,6 +9,7 @@ import pytest
 from rans_any_craft.frugality import numbers_of
 
 from rans import RansWarning, load_conditions
+from rans.base.pretrained import pretrained_folder
 from rans.evaluation.fly import choice
 from rans.evaluation.fly.agent import LoadedRun, load_policy
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
@@ -18,7 +19,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.fast.flights import Flights
 from rans.model.actuators import Wheel
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.pretrained import pretrained_folder
 
 PLATFORM = load_spacecraft("floating-platform")
 OWN = load_policy(pretrained_folder("any-craft-2d"))

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import rans.pretrained
+import rans.base.pretrained
 from rans import ConfigError, GoToPose, MultiTask, RansWarning, TrackVelocity
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import (
     contestant,
@@ -17,7 +18,6 @@ from rans.evaluation.fly.contestants import (
 from rans.evaluation.fly.protocols import fitting_protocols
 from rans.fast.agent_files.agent import actor_bytes, read_policy
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
 
 
@@ -54,7 +54,7 @@ def test_an_agent_that_comes_with_rans(run, monkeypatch):
     saved = read_policy(run / "agent.safetensors").network
     shipped = actor_bytes(saved.architecture, saved.weights(), 0)
     (run / "agent.safetensors").write_bytes(shipped)
-    monkeypatch.setattr(rans.pretrained, "FOLDER", run.parent)
+    monkeypatch.setattr(rans.base.pretrained, "FOLDER", run.parent)
     assert contestant("pretrained:poser").controller.name == "poser"
     assert ContestantName.parse("pretrained:poser").output_folder == Path(
         "runs/evaluations/pretrained-poser"
@@ -94,7 +94,7 @@ def test_results_stay_inside_their_folder():
         ("lqr:go-to-pose@free-flyer", "free-flyer"),
         ("mission:dock", "afrl-deputy"),
         ("mission:dock-3d", "afrl-deputy"),
-        ("rans.optimal.control.lqr:LQR:go-to-pose", "floating-platform"),
+        ("rans.control.lqr:LQR:go-to-pose", "floating-platform"),
     ],
 )
 def test_the_number_of_dimensions_may_be_left_out(spec, spacecraft):

@@ -17,8 +17,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
 from rans import Spacecraft, Timing
-from rans.episode import Setup
-from rans.errors import ConfigError, MissingPackage
+from rans.base.errors import ConfigError, MissingPackage
+from rans.base.registry import typed
+from rans.episode.step import Setup
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -27,7 +28,6 @@ from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.policy_text import is_user_policy
 from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import load_spacecraft
-from rans.registry import typed
 from rans.tasks import GoToPose, Task
 from tests.support.strangers import trapped_weights
 

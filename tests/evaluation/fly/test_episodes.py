@@ -10,7 +10,7 @@ import pytest
 from rans_missions.tasks import Avoid, DockPort
 
 from rans import Timing
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.model.spacecraft_file import load_spacecraft
 

@@ -11,8 +11,8 @@ import onnx
 import pytest
 
 import rans
+from rans.base.pretrained import pretrained_folder
 from rans.deploy.export import write_export
-from rans.pretrained import pretrained_folder
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ import pytest
 
 import rans
 from rans import TASKS, ConfigError
-from rans.episode import Setup
+from rans.episode.flight import Controller
+from rans.episode.step import Setup
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.flight import Controller
 
 SEEDS = 1, 2
 PERIODS = 12

@@ -1,4 +1,4 @@
-"""Controllers in Gymnasium environments: the same flight as `rans.flight.fly`, in five lines."""
+"""Controllers in Gymnasium environments: the same flight as `rans.episode.flight.fly`, in five lines."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from rans import ConfigError, Pilot
-from rans.episode import Setup
+from rans.base.pretrained import pretrained_folder
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.make_controller import controller
-from rans.flight import fly
-from rans.pretrained import pretrained_folder
-from rans.scenario import scenarios
 
 CONTROLLERS_OF_POSES = sorted(
     set(filter(CONTROLLERS.comes_with_rans, CONTROLLERS))

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from rans import GoToPose, GoToPosePriced
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.compare.entrants import contest_of, enlist
 from rans.evaluation.fly.contestants import contestant
-from rans.flight import fly
 from rans.model.fields import leaves
-from rans.scenario import scenarios
 from tests.support.training import CONFIG, tiny_trainer
 
 

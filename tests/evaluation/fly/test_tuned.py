@@ -8,13 +8,13 @@ from dataclasses import replace
 import pytest
 
 from rans import LQR, TASKS, ConfigError, GoToPose, Timing
-from rans.episode import Setup
+from rans.control.regulator import Deadband, Weights
+from rans.episode.scenario import TUNING_SEED
+from rans.episode.step import Setup
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import OWN, SHIPPED, Tuned, arguments, defaults, file_name, tuned
 from rans.model.spacecraft_file import load_spacecraft, parse_spacecraft
-from rans.optimal.control.regulator import Deadband, Weights
 from rans.randomization.conditions_file import load_conditions
-from rans.scenario import TUNING_SEED
 
 SETUP = Setup(load_spacecraft("floating-platform"), GoToPose(), Timing())
 FILES = sorted(SHIPPED.glob("*.json"))

@@ -11,12 +11,12 @@ import pytest
 from rich.console import Console
 
 from rans import Timing
+from rans.base.terminal import rendered
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import Metric, Metrics, measure, save_episodes
-from rans.flight import fly
 from rans.model.fields import Vec2
-from rans.scenario import scenarios
-from rans.terminal import rendered
 from tests.support.evaluation_flights import TrackNothing, flight_of, two_episodes
 
 LINES = """\

@@ -9,7 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rans.errors import ConfigError
+from rans.base.errors import ConfigError
+from rans.base.files import plain
 from rans.evaluation.measure.aggregate import Metrics, measure
 from rans.evaluation.measure.metrics import (
     FURTHER,
@@ -19,7 +20,6 @@ from rans.evaluation.measure.metrics import (
     staying_times,
     worst_errors,
 )
-from rans.files import plain
 from rans.model.actuators import Pulsed, Throttle
 from tests.support.evaluation_flights import TrackNothing, flight_of, two_episodes
 

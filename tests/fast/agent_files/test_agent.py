@@ -14,12 +14,12 @@ import pytest
 import torch
 
 from rans import ConfigError
+from rans.base.pretrained import pretrained_folder
 from rans.fast.agent_files import tensors as tensor_file
 from rans.fast.agent_files.agent import AGENT, SavedPolicy, actor_bytes, read_policy
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.network import Network
-from rans.pretrained import pretrained_folder
 
 
 def opened(folder: Path) -> SavedPolicy:

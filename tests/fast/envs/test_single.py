@@ -15,8 +15,8 @@ from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import rans
 from rans import ConfigError, SpacecraftEnv, Timing
+from rans.episode.scenario import Scenario, scenario
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, scenario
 from rans.tasks import TASKS, gymnasium_ids, observation
 from tests.support.crafts import ANY_CRAFT
 from tests.support.processes import loaded

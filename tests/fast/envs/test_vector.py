@@ -11,7 +11,7 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor
 
 from rans import ConfigError, Engine, SB3VecEnv, SpacecraftVectorEnv
-from rans.environment import observation_space
+from rans.episode.environment import observation_space
 from rans.tasks import GoToPose, gymnasium_ids
 from tests.support.engines import NEAR, SHORT, actions
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 
 from rans import ConfigError
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import Head
 from rans.fast.learn.trainer import Trainer
-from rans.flight import fly
 from rans.model.actuators import Actuators, Pulsed, Throttle
 from rans.model.spacecraft_file import to_toml
 from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
 from tests.support.engines import PLATFORM
 from tests.support.training import CONFIG, after, ignore, seen, tiny_trainer
 

@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from rans.errors import NonFiniteState
+from rans.base.errors import NonFiniteState
 from rans.fast.learn.beginning import statistics
 from rans.fast.learn.config import ScheduleSettings
 from rans.fast.learn.ppo import Losses, PPOLearner

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from rans import TASKS, GoToPose
+from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
 from rans.fast.learn.config import (
     RECIPES,
     MemorySettings,
@@ -19,7 +20,6 @@ from rans.fast.learn.config import (
 )
 from rans.fast.learn.curriculum import Ramp
 from rans.model.spacecraft_file import load_spacecraft
-from rans.pretrained import FOR_ANY_CRAFT, pretrained_folder, pretrained_names
 from rans.randomization.conditions_file import load_conditions
 
 

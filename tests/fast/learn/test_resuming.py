@@ -9,12 +9,12 @@ import pytest
 import torch
 
 from rans import ConfigError
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.fly.agent import load_policy
 from rans.fast.learn.config import FilterSettings, MemorySettings
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
-from rans.flight import fly
-from rans.scenario import scenarios
 from tests.support.training import (
     CONFIG,
     EASY,

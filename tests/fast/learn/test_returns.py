@@ -10,8 +10,8 @@ import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
 from rans import Engine, GoToPosition, Timing
-from rans.episode import Setup
-from rans.errors import NonFiniteState
+from rans.base.errors import NonFiniteState
+from rans.episode.step import Setup
 from rans.fast.flights import Flights
 from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig

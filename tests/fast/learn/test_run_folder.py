@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from rans import ConfigError
+from rans.base.files import LOCK, write_text
 from rans.fast.learn.run_folder import RunFolder, read_config
-from rans.files import LOCK, write_text
 from tests.support.training import CONFIG
 
 

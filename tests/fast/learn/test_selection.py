@@ -8,12 +8,12 @@ import pytest
 import torch
 
 from rans import GoToPose, MultiTask, Timing, TrackTwist
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import SELECTION_SEED, scenarios
 from rans.evaluation.fly.agent import Agent
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.selection import EPISODES, Selection
-from rans.flight import Flight, fly
 from rans.policy.network import Network
-from rans.scenario import SELECTION_SEED, scenarios
 from tests.support.engines import PLATFORM, SHORT, both_crafts
 from tests.support.missions import Pass
 from tests.support.training import scatter, tiny_learner
@@ -45,7 +45,7 @@ def found(said: dict[str, float]) -> tuple[float, dict[str, float]]:
 def judged(
     craft: Any, task: GoToPose, timing: Timing = SHORT
 ) -> tuple[float, dict[str, float], Flight]:
-    """What `Selection` says of an untrained agent, and its flight in float64 by `rans.flight`."""
+    """What `Selection` says of an untrained agent, and its flight in float64 by `rans.episode.flight`."""
     network = scatter(tiny_learner(craft).network)
     share, errors = found(judge(network, craft, task, timing))
     starts = scenarios(task.for_evaluation(), craft, SELECTION_SEED, EPISODES)

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from rans import GoToPose, Timing
-from rans.errors import ConfigError, NonFiniteState
+from rans.base.errors import ConfigError, NonFiniteState
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.make_controller import guard_of
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors

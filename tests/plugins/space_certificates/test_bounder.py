@@ -13,10 +13,10 @@ from rans_bounds.starts import bound, no_certificate, question
 from rans_space_certificates.bounder import SpatialBounder
 
 from rans import GoToPose
+from rans.episode.scenario import Scenario, each, scenarios
 from rans.evaluation.compare.bounds import Event
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, each, scenarios
 from rans.tasks.goal_set import aims
 from tests.support import plugins
 

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import rans.show.figures
-from rans.flight import Flight
+from rans.episode.flight import Flight
 from rans.model.fields import Vec2
 from rans.show.charts import flight_charts
 from rans.show.figures.chart_figure import charts_figure

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from rans import GoToPose, Timing
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.show.charts import Rows, flight_charts, learning_charts
 from rans.show.figures.chart_figure import charts_figure
 from rans.show.figures.figures import episode_figure

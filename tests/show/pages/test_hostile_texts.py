@@ -16,9 +16,10 @@ import pytest
 import rans
 from rans import RansError
 from rans.api.pages import flyers
+from rans.base.files import write_json
+from rans.base.table import Table
+from rans.episode.flight import Flight
 from rans.evaluation.measure.aggregate import measure
-from rans.files import write_json
-from rans.flight import Flight
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 from rans.show import markup
@@ -28,7 +29,6 @@ from rans.show.pages.page import Fact, Page, Section
 from rans.show.pages.playground import playground
 from rans.show.pages.replay import replay_page
 from rans.show.pages.report import evaluation_page, report_from_run
-from rans.table import Table
 from tests.support import comparisons
 from tests.support.browser import HOSTILE, HOSTILE_NAME, live, ran
 from tests.support.damage import edited

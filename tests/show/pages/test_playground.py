@@ -21,9 +21,11 @@ import rans
 from examples.single_file.controller import PD
 from rans import Conditions, ConfigError, Engine, ThrusterConditions
 from rans.api.pages import flyers
+from rans.base.registry import typed
 from rans.compile.javascript import activations
 from rans.deploy.contract import flights_of_training, golden
-from rans.episode import Setup
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent, LoadedRun
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
@@ -32,8 +34,6 @@ from rans.model.fields import leaves, wrap
 from rans.model.random import seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.policy.activations import ACTIVATIONS
-from rans.registry import typed
-from rans.scenario import scenarios
 from rans.show.pages.playground import _Traced, interactive_world, playground
 from tests.support.browser import opened, served
 from tests.support.interactive_flight import InteractiveFlight

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import rans
-from rans.flight import fly
-from rans.scenario import scenarios
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.show.pages.page import Page, Section
 from rans.show.pages.race import Race, Track, race
 from tests.support.browser import opened, served

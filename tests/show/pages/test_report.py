@@ -12,9 +12,9 @@ import pytest
 
 import rans
 from rans import ConfigError
+from rans.base.files import read_json, write_json
+from rans.base.registry import Registry
 from rans.evaluation.measure.aggregate import measure
-from rans.files import read_json, write_json
-from rans.registry import Registry
 from rans.show.pages import report as report_module
 from rans.show.pages.page import Fact, Section
 from rans.show.pages.report import (

@@ -2,7 +2,7 @@ from dataclasses import replace
 
 import pytest
 
-import rans.optimal.control.lqr
+import rans.control.lqr
 from rans import ConfigError
 from rans.model.spacecraft_file import load_spacecraft
 from validation.study import closed_loop
@@ -40,7 +40,7 @@ def test_a_craft_that_no_regulator_steers_is_skipped(monkeypatch):
     def refuse(*_):
         raise ConfigError("LQR: it cannot be steered.")
 
-    monkeypatch.setattr(rans.optimal.control.lqr, "LQR", refuse)
+    monkeypatch.setattr(rans.control.lqr, "LQR", refuse)
     assert closed_loop_checks(PLATFORM, 1, 1) == [
         Skipped("closed loop", "LQR: it cannot be steered.")
     ]

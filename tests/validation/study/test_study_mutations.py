@@ -18,7 +18,7 @@ import pytest
 import validation.study.dynamics
 import validation.study.engines
 from rans import Spacecraft
-from rans.episode import World
+from rans.episode.step import World
 from rans.model import dynamics, fields, rotation
 from rans.model.body import Body
 from rans.model.dynamics import Wrench

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from rans.episode.verdict import kinds_of_failure
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately
 from rans.evaluation.fly.evidence import hashes
@@ -31,7 +32,6 @@ from rans.extend import (
 )
 from rans.extend import environment as this_environment
 from rans.randomization.conditions_file import conditions_label
-from rans.verdict import kinds_of_failure
 from rans_assurance.assure.bounds import ProbabilityBound
 from rans_assurance.assure.campaign import Campaign
 from rans_assurance.assure.replay import Replays, replays

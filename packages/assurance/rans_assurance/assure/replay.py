@@ -48,7 +48,7 @@ class Replayed:
     """Motion at the end; see `ending`."""
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`."""
+        """Data for `rans.base.files.write_json`."""
         return asdict(self) | {
             "kind": self.kind.name,
             "again": {

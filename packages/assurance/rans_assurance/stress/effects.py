@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from rans import FaultConditions, ThrusterConditions, load_conditions
+from rans.base.structure import is_range
 from rans.extend import (
     Conditions,
     ConfigError,
@@ -20,7 +21,6 @@ from rans.extend import (
     distinct,
 )
 from rans.randomization.plausible import implausible
-from rans.structure import is_range
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ class StressOutcome:
     excess: np.ndarray
     """Largest of these errors in tolerances, (N,)."""
     solved: np.ndarray
-    """Whether the task was solved, (N,) (`rans.verdict`)."""
+    """Whether the task was solved, (N,) (`rans.episode.verdict`)."""
 
     @classmethod
     def of(cls, flight: Flight) -> StressOutcome:

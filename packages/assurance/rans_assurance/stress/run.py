@@ -9,7 +9,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 from rans import RansError
-from rans.errors import meant
+from rans.base.errors import meant
+from rans.episode.flight import informed
 from rans.evaluation.compare.contest import Contestant
 from rans.evaluation.compare.entrants import Invited, enlisted
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -29,7 +30,6 @@ from rans.extend import (
     fly_draws,
     unseen_stages,
 )
-from rans.flight import informed
 from rans_assurance.stress.effects import Effect, Level, applicable_effects, failure_levels
 from rans_assurance.stress.outcome import Limit, StressOutcome, holds_to
 

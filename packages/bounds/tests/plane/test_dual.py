@@ -15,7 +15,7 @@ from rans_bounds.plane.ascent import ascend, scale, towards_goal
 from rans_bounds.plane.dual import Relaxation
 from rans_bounds.plane.lattice import Lattice
 
-from rans.errors import NonFiniteState
+from rans.base.errors import NonFiniteState
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from tests.support.states import planar

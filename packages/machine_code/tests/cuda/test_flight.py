@@ -14,10 +14,10 @@ from rans_machine_code.cuda import flight
 from rans_machine_code.cuda.flight import FlightKernel
 from rans_machine_code.cuda.launch import CudaError
 
-from rans.episode import Setup
+from rans.episode.flight_statistics import QUANTITIES, FlightStatistics
+from rans.episode.step import Setup
 from rans.fast import flights
 from rans.fast.flights import Flights
-from rans.flight_statistics import QUANTITIES, FlightStatistics
 from rans.model.actuators import Throttle
 from rans.policy.network import Network
 from tests.support.engines import PLATFORM

@@ -12,12 +12,12 @@ from rans_machine_code.cuda import step as step_kernel
 from torch import Tensor
 
 from rans import TASKS, ConfigError, Engine, Timing
+from rans.episode.flight_statistics import QUANTITIES
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.envs.actions import Actions
 from rans.fast.flights import Flights
 from rans.fast.stepping.step import Step
-from rans.flight_statistics import QUANTITIES
 from rans.model.body import Body
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import ANY_CRAFT

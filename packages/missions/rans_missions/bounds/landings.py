@@ -59,7 +59,7 @@ class LandingAnswer:
         return self.landing is not None and max(self.replayed, self.in_drake) <= REPLAY_BOUND
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`, in kg, s and m; missing numbers are NaN."""
+        """Data for `rans.base.files.write_json`, in kg, s and m; missing numbers are NaN."""
         plan = self.landing
         return {
             "start": self.start,

@@ -97,7 +97,7 @@ class MissionBounds:
         ]
 
     def to_json(self) -> dict[str, Any]:
-        """Data for `rans.files.write_json`; what is impossible is None.
+        """Data for `rans.base.files.write_json`; what is impossible is None.
 
         Keys are an interface of files of comparisons.
         """

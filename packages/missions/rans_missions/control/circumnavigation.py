@@ -110,7 +110,7 @@ class Circumnavigation(VelocityGuidance[Inspect]):
         self._afterwards = Afterwards(self.craft, self._hold, self._timing)
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; forgets flights and estimates."""
+        """See `rans.episode.flight.Controller`; forgets flights and estimates."""
         super().reset(count)
         self._afterwards.reset(count)
         self._plans = None

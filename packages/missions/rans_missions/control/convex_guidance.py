@@ -82,7 +82,7 @@ class ConvexGuidance(ModelBased):
         self._meeting: Meeting | None = None
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; plans and arrivals are forgotten."""
+        """See `rans.episode.flight.Controller`; plans and arrivals are forgotten."""
         self._plans = [None] * count
         self._afterwards.reset(count)
 

@@ -50,7 +50,7 @@ class Corridor(VelocityGuidance[FinalApproach]):
     purpose = "the corridor guidance flies final approaches"
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         super().reset(count)
         self._distance: np.ndarray | None = None
         """Distance of every reference from its port, (N,), m; None before the first change."""

@@ -201,7 +201,7 @@ class MissionGuidance(ModelBased):
         return all(isinstance(limit, task.keeps) for limit in task.limits(goal).values())
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; forgets estimates."""
+        """See `rans.episode.flight.Controller`; forgets estimates."""
         self._past = None
         self._sooner = None
         self._afterwards.reset(count)

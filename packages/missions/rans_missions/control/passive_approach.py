@@ -120,7 +120,7 @@ class PassiveApproach(VelocityGuidance[Hold]):
     _plans: _Plans | None = None
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`; forgets plans."""
+        """See `rans.episode.flight.Controller`; forgets plans."""
         super().reset(count)
         self._plans = None
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from rans.control.allocation import Rounding
 from rans.extend import Heading, Quat, Spacecraft, leaves
-from rans.optimal.control.allocation import Rounding
 
 
 class Tracker:

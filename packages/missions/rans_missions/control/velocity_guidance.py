@@ -61,12 +61,12 @@ class VelocityGuidance(ModelBased, ABC, Generic[Mission]):
         return float(np.min(either_way)) * self._period / self.craft.mass
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._tracker.reset(count)
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        """See `rans.flight.Controller`; uses the state and the goal's notes, not the observation."""
+        """See `rans.episode.flight.Controller`; uses the state and the goal's notes, not the observation."""
         size = len(observation)
         state, goal = map_leaves(lambda x: np.broadcast_to(x, size), (state, goal))
         now = self._step * self._period

@@ -31,7 +31,7 @@ _BLENDS = (0.25, 0.5, 0.75)
 
 @dataclass(frozen=True)
 class FlownBackup:
-    """Safety filter by simulated backup manoeuvres, a `rans.episode.Guard`.
+    """Safety filter by simulated backup manoeuvres, a `rans.episode.step.Guard`.
 
     A state is safe if the craft may coast from it (`rans_missions.guard.coasting.Coasting`), or if one of
     `rans_missions.guard.manoeuvres.manoeuvres` brings it to such a state within ``periods`` control periods, with
@@ -75,7 +75,7 @@ class FlownBackup:
         command: Command,
         before: tuple[Command, ...] = (),
     ) -> tuple[Command, Field]:
-        """Safe command in place of the desired one, and whether it differs; see `rans.episode.Guard.admitted`."""
+        """Safe command in place of the desired one, and whether it differs; see `Guard.admitted`."""
         given: Any = next((x for x in leaves((state, goal, command)) if is_array(x)), None)
         state, goal, command, before = on_numpy((state, goal, tuple(command), before))
         if given is None:

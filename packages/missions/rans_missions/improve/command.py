@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 from tyro.conf import arg
 
 from rans import load_spacecraft
+from rans.base.files import set_aside
 from rans.extend import (
     EVALUATION_SEED,
     ConfigError,
@@ -26,7 +27,6 @@ from rans.extend import (
     whole,
     word,
 )
-from rans.files import set_aside
 
 if TYPE_CHECKING:
     from rans_missions.improve.search import Improved

@@ -62,7 +62,7 @@ class Following:
         self._step = 0
 
     def reset(self, count: int) -> None:
-        """See `rans.flight.Controller`."""
+        """See `rans.episode.flight.Controller`."""
         self._step = 0
 
     def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from rans.display import Settings
+from rans.base.display import Settings
 from rans.extend import (
     AdvisedVelocityChange,
     Ball,

@@ -11,7 +11,7 @@ import torch
 from gymnasium import spaces
 
 from rans import load_spacecraft
-from rans.environment import within
+from rans.episode.environment import within
 from rans.extend import Engine, action_space, observation_space
 from rans_missions.team.task import InspectTeam
 

@@ -11,8 +11,8 @@ import pytest
 from rans_missions.bounds.ports import least_to_dock, port_waypoints
 from rans_missions.tasks import DockPort
 
+from rans.episode.scenario import scenario
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenario
 
 PLATFORM = load_spacecraft("floating-platform")
 

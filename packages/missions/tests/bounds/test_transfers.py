@@ -6,8 +6,8 @@ from rans_missions.bounds import transfers
 from rans_missions.bounds.transfers import least_of_transfers
 from rans_missions.tasks import Hold
 
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 CHASER = load_spacecraft("vbar-chaser")
 

@@ -15,9 +15,9 @@ from rans_missions.tasks.avoid import Zones
 from scipy.optimize import minimize
 
 from rans import Timing
+from rans.episode.scenario import scenario
 from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenario
 from rans.tasks.shapes import Ball
 
 CRAFT = {2: load_spacecraft("floating-platform"), 3: load_spacecraft("free-flyer")}

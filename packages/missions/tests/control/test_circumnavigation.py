@@ -14,13 +14,13 @@ from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
 from rans_missions.team.task import InspectTeam
 
-from rans.episode import Setup
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.past_the_end import flown_on
 
 DEPUTY = load_spacecraft("afrl-deputy")

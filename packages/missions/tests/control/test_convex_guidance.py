@@ -10,12 +10,12 @@ from rans_missions.bounds.first_starts import mission_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance, _tightened
 from rans_missions.tasks import Dock
 
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
 from rans.model.fields import Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks.shapes import Ball, Cone, SpeedLimit
 
 DEPUTY = load_spacecraft("afrl-deputy")

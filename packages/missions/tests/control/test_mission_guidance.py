@@ -20,12 +20,12 @@ from rans import (
     ThrusterConditions,
     Timing,
 )
+from rans.episode.flight import fly
+from rans.episode.scenario import draws, scenarios
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
 from rans.model.actuators import Pulsed
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
 
 DEPUTY = load_spacecraft("afrl-deputy")
 CHASER = load_spacecraft("vbar-chaser")

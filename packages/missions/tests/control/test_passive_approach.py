@@ -8,12 +8,12 @@ from rans_missions.control.passive_approach import PassiveApproach
 from rans_missions.passive_flights import passive_safety
 from rans_missions.tasks import Hold
 
-from rans.episode import Setup
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.past_the_end import flown_on
 
 CHASER = load_spacecraft("vbar-chaser")

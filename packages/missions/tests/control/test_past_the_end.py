@@ -14,12 +14,12 @@ import pytest
 from rans_missions.tasks import Dock, FinalApproach, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
-from rans.episode import Setup
+from rans.episode.flight import Controller
+from rans.episode.scenario import Scenario, scenarios
+from rans.episode.step import Setup
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.flight import Controller
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, scenarios
 from tests.support.past_the_end import flown_on
 
 REVERSALS = 3.0

@@ -22,11 +22,11 @@ from rans_missions.convex.rendezvous import (
 from rans_missions.script import Script
 from rans_missions.tasks import FinalApproach
 
-from rans.drawing import columns
+from rans.episode.drawing import columns
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import each, scenarios
 from rans.evaluation.measure.metrics import impulses
-from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import each, scenarios
 
 CHASER = load_spacecraft("vbar-chaser")
 TASK: Any = FinalApproach(spawn_distance=(14.0, 16.0)).for_evaluation()

@@ -16,7 +16,7 @@ from rans_missions.convex.rendezvous import Flights, least_impulse
 from rans_missions.tasks.land import Land
 from scipy import sparse
 
-from rans.errors import SolverFailed
+from rans.base.errors import SolverFailed
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.rendezvous import meeting_of
 

@@ -11,12 +11,12 @@ from rans_missions.convex.rendezvous import Meeting, rendezvous, trajectory
 from rans_missions.tasks import Hold
 
 from rans import Timing
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
 from rans.model.drift import FreeFlight
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 LINE = Meeting(
     drift=FreeFlight(),

@@ -11,8 +11,8 @@ from rans_missions.convex.inspection import inspection_bound
 from rans_missions.convex.rendezvous import state_of
 from rans_missions.tasks import Inspect
 
+from rans.episode.scenario import each, scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import each, scenarios
 from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")

@@ -21,9 +21,9 @@ from rans_missions.convex.landing import (
 from rans_missions.tasks.land import Land
 
 from rans import ConfigError
+from rans.episode.scenario import Scenario, scenarios
 from rans.model.fields import Vec3
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, scenarios
 
 CRAFT = load_spacecraft("mars-lander-steered")
 LANDER = Lander.of(CRAFT)

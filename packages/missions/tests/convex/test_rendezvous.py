@@ -23,10 +23,10 @@ from rans_missions.script import Script
 from rans_missions.tasks import Dock, Hold, Rendezvous
 from rans_missions.tasks.orbital import last_check
 
+from rans.episode.flight import fly
+from rans.episode.scenario import each, scenarios
 from rans.evaluation.measure.metrics import impulses, won
-from rans.flight import fly
 from rans.reference.flight import fly_in_drake
-from rans.scenario import each, scenarios
 from tests.support.rendezvous import DEPUTY, meeting_of, program
 
 

@@ -16,12 +16,12 @@ from rans_missions.tasks.avoid import Zones
 
 import rans
 from rans import ConfigError, Engine, Timing
-from rans.episode import Setup, World
-from rans.flight import Flight, fly
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks.shapes import Ball
 
 PLATFORM = load_spacecraft("floating-platform")

@@ -15,13 +15,13 @@ from rans_missions.tasks import Dock, Hold
 from scipy.stats import norm
 
 from rans import Conditions, SensorConditions, SensorsConditions, ThrusterConditions, Timing
-from rans.episode import Episode, Setup, World, step
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Episode, Setup, World, step
 from rans.evaluation.compare.contest import Contest
-from rans.flight import fly
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
 from tests.support.ramming import Ramming
 
 DEPUTY = load_spacecraft("afrl-deputy")

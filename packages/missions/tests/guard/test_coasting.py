@@ -13,12 +13,12 @@ from rans_missions.guard.coasting import Coasting
 from rans_missions.tasks import Avoid, DockPort
 from rans_missions.tasks.avoid import Zones
 
-from rans.episode import Setup, World
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World
 from rans.model.drift import FREE
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from rans.tasks.shapes import Ball
 
 PLATFORM = load_spacecraft("floating-platform")

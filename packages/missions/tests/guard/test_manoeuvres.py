@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rans_missions.guard.manoeuvres import Thrusters
 
-from rans.episode import Setup, World
+from rans.episode.step import Setup, World
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft

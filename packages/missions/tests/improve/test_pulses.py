@@ -13,11 +13,11 @@ from rans_missions.improve.search import improve
 from rans_missions.script import Script
 
 from rans import GoToPosition, Timing
-from rans.episode import Setup
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import Scenario, scenarios
+from rans.episode.step import Setup
 from rans.evaluation.measure.metrics import impulses
-from rans.flight import Flight, fly
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import Scenario, scenarios
 
 CRAFT = load_spacecraft("floating-platform")
 NEAR = 0.3

@@ -14,10 +14,10 @@ from rans_missions.improve.pulses import judged
 from rans_missions.script import Script
 
 from rans import ConfigError, GoToPosition, Timing
-from rans.episode import Setup
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup
 from rans.evaluation.measure.metrics import impulses, won
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 CRAFT = load_spacecraft("floating-platform")
 NEAR = GoToPosition(evaluation_distance=(0.02, 0.02)).for_evaluation()

@@ -10,9 +10,9 @@ from rans_missions.slosh.swinging import rod_rate
 
 import rans
 from rans import GoToPose, Spacecraft, Timing
-from rans.flight import Flight, fly, outran
+from rans.episode.flight import Flight, fly, outran
+from rans.episode.scenario import scenarios
 from rans.model.fields import unflatten
-from rans.scenario import scenarios
 from tests.support.pair_oracle import Oracle
 from tests.support.slosh import IN_SPACE, IN_SPACE_SLOSH, SLOSH, SLOSHING, slosh_of
 from validation.study.sampling import Restless, gaps

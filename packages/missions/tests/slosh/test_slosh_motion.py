@@ -11,11 +11,11 @@ import torch
 
 import rans
 from rans import BodyConditions, Conditions, DisturbanceConditions, Spacecraft, Timing
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import draws, scenarios
 from rans.model.actuators import Wheel
 from rans.model.fields import leaves
 from rans.reference.flight import fly_in_drake
-from rans.scenario import draws, scenarios
 from tests.support.effector_crafts import commands
 from tests.support.effector_flights import scripted
 from tests.support.host_kernels import (

@@ -12,19 +12,19 @@ from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 
 from rans import Timing
-from rans.drawing import columns
-from rans.episode import Setup, World, step
-from rans.flight import fly
+from rans.episode.drawing import columns
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World, step
+from rans.episode.verdict import Failure
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2, leaves
 from rans.model.random import Draws, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
-from rans.scenario import scenarios
 from rans.tasks import GoToPose, observation
 from rans.tasks.rewards import Transition
 from rans.tasks.shapes import Ball
-from rans.verdict import Failure
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

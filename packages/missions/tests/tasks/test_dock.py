@@ -12,13 +12,13 @@ from rans_missions.orbits.reach import velocity_to_reach
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import Plan
 
-from rans.episode import Setup, World, step
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World, step
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec2, Vec3, leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import DrakeMover
-from rans.scenario import scenarios
 from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")

@@ -10,12 +10,12 @@ import pytest
 from rans_missions.tasks import DockPort
 from scipy.spatial.transform import Rotation
 
-from rans.drawing import columns, rotations
-from rans.episode import Setup, World, step
+from rans.episode.drawing import columns, rotations
+from rans.episode.scenario import scenarios
+from rans.episode.step import Setup, World, step
 from rans.model.dynamics import PlanarState
 from rans.model.fields import Heading, Vec2
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
 FLYER = load_spacecraft("free-flyer")

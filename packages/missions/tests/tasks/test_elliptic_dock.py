@@ -9,10 +9,10 @@ from rans_missions.orbits.earth import EARTH
 from rans_missions.tasks import Dock
 from rans_missions.tasks.orbital import TargetOrbit
 
+from rans.episode.scenario import scenarios
 from rans.model.drift import ClohessyWiltshire
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 DEPUTY = load_spacecraft("afrl-deputy")
 TRANSFER = TargetOrbit(eccentricity=0.5, semi_major_axis_km=13_556.0)

@@ -11,9 +11,9 @@ import pytest
 from rans_missions.tasks import FinalApproach
 from scipy.spatial.transform import Rotation
 
-from rans.drawing import columns, rotations
+from rans.episode.drawing import columns, rotations
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.orbit_states import at
 
 CHASER = load_spacecraft("vbar-chaser")

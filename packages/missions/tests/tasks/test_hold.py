@@ -12,10 +12,10 @@ from rans_missions.convex.rendezvous import Meeting, least_margin, rendezvous, t
 from rans_missions.tasks import Hold
 from rans_missions.tasks.hold import HoldPlan
 
-from rans.episode import Setup, World, step
+from rans.episode.scenario import each, scenarios
+from rans.episode.step import Setup, World, step
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import each, scenarios
 from tests.support.orbit_states import at, goal_of
 
 CHASER = load_spacecraft("vbar-chaser")

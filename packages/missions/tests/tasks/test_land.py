@@ -11,13 +11,13 @@ import pytest
 from rans_missions.script import Script
 from rans_missions.tasks.land import Land
 
+from rans.episode.flight import Flight, fly
+from rans.episode.scenario import Scenario, scenarios
+from rans.episode.verdict import Failure
 from rans.evaluation.measure.metrics import won
-from rans.flight import Flight, fly
 from rans.model.fields import Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
-from rans.scenario import Scenario, scenarios
-from rans.verdict import Failure
 
 LANDER = load_spacecraft("mars-lander-steered")
 TASK = Land()

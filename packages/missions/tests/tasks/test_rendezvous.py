@@ -5,8 +5,8 @@ import math
 import pytest
 from rans_missions.tasks import Hold, Rendezvous
 
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.orbit_states import at, goal_of
 
 

@@ -17,10 +17,10 @@ from rans_missions.team.bound import _divided, _Stay, team_bound
 from rans_missions.team.task import InspectTeam
 from scipy.optimize import linprog
 
+from rans.episode.scenario import scenarios
 from rans.model.dynamics import SpatialState
 from rans.model.fields import Quat, Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 from tests.support.clohessy_wiltshire import transition
 
 DEPUTY = load_spacecraft("afrl-deputy")

@@ -9,9 +9,9 @@ from rans_missions.tasks import Inspect
 from rans_missions.team.task import InspectTeam
 
 from rans import ConfigError, Engine
+from rans.episode.scenario import scenarios
 from rans.model.fields import leaves
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 DEPUTY = load_spacecraft("afrl-deputy")
 pytestmark = pytest.mark.filterwarnings("ignore:this engine steps slower")

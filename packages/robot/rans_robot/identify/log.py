@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-import rans.csv_file
+import rans.base.csv_file
 from rans.extend import ConfigError, Spacecraft, brief, counted
 
 LARGEST_LOG = 2**28
@@ -52,7 +52,7 @@ SIZES = {2: (2, 1, 2, 1), 3: (3, 4, 3, 3)}
 _SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 """Units in parentheses that the heading of times may have, s."""
 _SPELLINGS = {"t": "time", "w": "spin"}
-"""Names of columns as `rans.flight.Flight.to_csv` writes them."""
+"""Names of columns as `rans.episode.flight.Flight.to_csv` writes them."""
 
 
 @dataclass(frozen=True)
@@ -243,8 +243,8 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
     ``time`` (s) is needed, the pose (`_COLUMNS`), and ``u0`` to ``u<C-1>``, the commands from this row on; the
     velocities may be missing. An empty cell is a value that was not measured, or the last command;
     an empty line counts as none. The file that
-    `rans.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out, and ``t``
-    and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
+    `rans.episode.flight.Flight.to_csv` writes is such a file: units in parentheses and underscores are left out,
+    and ``t`` and ``w`` are ``time`` and ``spin``. Columns of other names are not read.
 
     Times are in s, or in the unit that stands in the heading, such as ``time (ms)``; they may begin anywhere.
 
@@ -252,7 +252,7 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
         ConfigError: the file cannot be read, a column is missing, there twice or in another unit, or a cell is no
             number.
     """
-    table = rans.csv_file.read_csv(file, LARGEST_LOG, "the log ")
+    table = rans.base.csv_file.read_csv(file, LARGEST_LOG, "the log ")
     what = table.what
     # The header names the columns, in any order.
     header = tuple(_spelled(cell) for cell in table.header)

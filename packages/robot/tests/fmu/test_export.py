@@ -14,14 +14,14 @@ import pytest
 from rans_robot.fmu.export import write_fmu
 
 from rans import ConfigError
+from rans.base.pretrained import pretrained_folder
 from rans.cli import main
 from rans.deploy.export import write_export
 from rans.deploy.program import Ports
-from rans.episode import Setup
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import load_policy
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.policy.program import Program
-from rans.pretrained import pretrained_folder
 
 fmpy = pytest.importorskip("fmpy")
 fmi2 = pytest.importorskip("fmpy.fmi2")

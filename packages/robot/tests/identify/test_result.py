@@ -14,9 +14,9 @@ import rans
 from campaigns.identification import hidden_flights
 from rans import LQR, ConfigError, GoToPose, Timing
 from rans.cli import main
-from rans.flight import fly
+from rans.episode.flight import fly
+from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
-from rans.scenario import scenarios
 
 PLATFORM = load_spacecraft("floating-platform")
 

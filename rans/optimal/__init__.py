@@ -1,1 +1,0 @@
-"""Controllers of optimal and classical control that need no training."""
