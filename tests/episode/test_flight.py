@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import csv
 import math
+from collections import deque
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
 from rans import LQR, ConfigError, Timing
-from rans.episode.flight import Flight, fly, outran
+from rans.episode.flight import Flight, begin_flight, fly, outran
 from rans.episode.scenario import scenarios
 from rans.evaluation.measure.metrics import returns
 from rans.model.accuracy import fastest
@@ -190,3 +191,39 @@ def test_who_reads_states_alone_is_given_no_columns():
     width = observation_width(GoToPose(), 2)
     assert widths == [(3, width)] * 2 + [(3, 0)] * 2
     np.testing.assert_array_equal(flights[0].states.p.x, flights[1].states.p.x)
+
+
+class Held(NamedTuple):
+    part: Any
+    name: str = "held"
+
+
+class Remembering:
+    def __init__(self, part: Any = None) -> None:
+        self.part = part
+        self.counts: list[int] = []
+
+    def reset(self, count: int) -> None:
+        self.counts.append(count)
+
+
+@pytest.mark.parametrize(
+    ("hold", "held"),
+    [
+        (lambda part: part, lambda part: part),
+        (lambda part: (part,), lambda part: part[0]),
+        (lambda part: (1, Held(part)), lambda part: part[1].part),
+        (lambda part: [part], lambda part: part[0]),
+        (lambda part: {"a": part}, lambda part: part["a"]),
+        (lambda part: deque([part]), lambda part: part[0]),
+        (lambda part: part.reset, lambda part: part.__self__),
+        (lambda part: Remembering((part,)), lambda part: part.part[0]),
+    ],
+    ids=["itself", "tuple", "named tuple", "list", "dict", "deque", "method", "part of a part"],
+)
+def test_flights_share_no_memory_wherever_a_controller_holds_it(hold, held):
+    memory = Remembering()
+    controller: Any = Remembering(hold(memory))
+    one, other = (held(begin_flight(controller, 2).part) for _ in range(2))
+    one.reset(5)
+    assert (one.counts, other.counts, memory.counts) == ([5], [], [])

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from rans import GoToPose, Timing
 from rans.episode.verdict import Failure, FlightAccumulator, kinds_of_failure
@@ -23,7 +24,8 @@ LAST = 2
 class History:
     """Random flights: whether they are inside, terminated or lost after each step, their reward, commands."""
 
-    def __init__(self) -> None:
+    def __init__(self, constrained: bool = False) -> None:
+        self.constrained = constrained
         generator = np.random.default_rng(3)
         stay = generator.random((STEPS + 1, COUNT)) < 0.5
         self.inside = np.where(
@@ -34,12 +36,15 @@ class History:
         self.failed = generator.random((STEPS + 1, COUNT)) < 0.005
         self.reward = generator.normal(size=(STEPS + 1, COUNT))
         self.command = generator.random((STEPS + 1, 8, COUNT))
+        self.margin = generator.choice(
+            [1.0, 1e-6, 0.0, -1e-6], (STEPS + 1, COUNT), p=[0.9, 0.04, 0.04, 0.02]
+        )
 
     def verdict(self) -> FlightAccumulator:
         task = SimpleNamespace(
             reached=lambda *_: self.inside[0],
             done=lambda *_: None,
-            constraints=lambda *_: {},
+            constraints=lambda *_: {"zone": 0.0} if self.constrained else {},
         )
         world: Any = SimpleNamespace(
             craft=PLATFORM, task=task, timing=Timing(control_period=0.2, episode_steps=STEPS)
@@ -56,7 +61,7 @@ class History:
                 terminated=self.lost[k] | self.failed[k],
                 lost=self.lost[k],
                 done=None,
-                margins={},
+                margins={"zone": self.margin[k]} if self.constrained else {},
                 reached=self.inside[k],
                 reward=np.where(self.lost[k], np.nan, self.reward[k]),
                 command=tuple(self.command[k]),
@@ -67,9 +72,15 @@ class History:
     def judged(self, i: int) -> tuple[int, float]:
         """Failure, and settling instant if it is solved."""
         inside = self.inside[:, i].copy()
+        violated = False
         for k in range(1, STEPS + 1):
-            if self.lost[k, i] or self.failed[k, i]:
-                return (Failure.NOT_FINITE if self.lost[k, i] else Failure.TERMINATED), math.inf
+            violated |= self.constrained and self.margin[k, i] < 0.0
+            if self.lost[k, i]:
+                return Failure.NOT_FINITE, math.inf
+            if self.failed[k, i]:
+                return (Failure.VIOLATED if violated else Failure.TERMINATED), math.inf
+        if violated:
+            return Failure.VIOLATED, math.inf
         end = list(inside[-LAST:])
         settled = math.inf
         if inside[-1]:
@@ -82,18 +93,20 @@ class History:
         return (Failure.UNSETTLED if not any(end) else Failure.LATE), math.inf
 
 
-def test_every_flight_is_judged_as_by_hand():
-    history = History()
+@pytest.mark.parametrize("constrained", [False, True])
+def test_every_flight_is_judged_as_by_hand(constrained):
+    history = History(constrained)
     with np.errstate(invalid="ignore"):
         verdict = history.verdict()
     expected = [history.judged(i) for i in range(COUNT)]
     np.testing.assert_array_equal(verdict.failure(), [kind for kind, _ in expected])
-    assert set(np.unique(verdict.failure())) == {0, *kinds_of_failure(GoToPose())}
+    kinds = {0, *kinds_of_failure(GoToPose())} | ({Failure.VIOLATED} if constrained else set())
+    assert set(np.unique(verdict.failure())) == kinds
     settled = np.where(verdict.solved, verdict.settled, np.inf)
     np.testing.assert_array_equal(settled, [instant for _, instant in expected])
     np.testing.assert_array_equal(verdict.solved, [kind == 0 for kind, _ in expected])
-    ended = (Failure.NOT_FINITE, Failure.TERMINATED)
-    np.testing.assert_array_equal(verdict.failed, [kind in ended for kind, _ in expected])
+    ended = (history.lost | history.failed)[1:].any(axis=0)
+    np.testing.assert_array_equal(verdict.failed, ended)
 
 
 def test_sums_go_on_until_a_flight_ends():

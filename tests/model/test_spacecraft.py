@@ -7,10 +7,11 @@ import pytest
 
 from rans import ConfigError
 from rans.base.pretrained import pretrained_folder
-from rans.model.dynamics import wrench
+from rans.model.dynamics import thrust, wrench
 from rans.model.spacecraft import Thruster
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 from tests.support.crafts import nasty_planar, nasty_spatial
+from tests.support.effector_crafts import WHEELED
 
 DIAGONAL = 0.7071067811865476
 """Component of a unit vector at 45 degrees."""
@@ -128,3 +129,11 @@ def test_a_planar_craft_has_the_moment_about_z_and_no_others(factor, tmp_path):
     assert load_spacecraft(str(tmp_path / "heavier.toml")).inertia == heavier.inertia
     with pytest.raises(ConfigError, match="about z"):
         dataclasses.replace(craft, inertia=((a, 0.0, 0.0), (0.0, b, 0.0), (0.0, 0.0, -c)))
+
+
+def test_wheels_take_numbers_beside_on_off_thrusters():
+    plain = dataclasses.replace(WHEELED, wheels=())
+    assert [one.has_only_thrusters for one in (WHEELED, plain)] == [False, True]
+    assert [one.is_continuous for one in (WHEELED, plain)] == [True, False]
+    assert [one.command_dtype for one in (WHEELED, plain)] == ["float32", "int8"]
+    assert len(thrust(WHEELED, [1.0] * 8 + [-0.5])) == 8

@@ -27,16 +27,19 @@ def meeting_of(
     return Meeting.of(DEPUTY, task, next(iter(each(starts))).goal), states, starts, task
 
 
-def program(start: np.ndarray, periods: int) -> float:
-    """Least impulse, N s, of being at the origin at any speed after so many periods of 10 s, by SciPy."""
+def program(start: np.ndarray, periods: int, strength: tuple[float, ...] = (1.0,) * 3) -> float:
+    """Least impulse, N s, of being at the origin at any speed after so many periods of 10 s, by SciPy.
+
+    Thrusters along each axis push with so many newtons.
+    """
     one = transition(N, 10.0)
-    effects = [one[:6, 6:] / 12.0]
+    effects = [one[:6, 6:] * strength / 12.0]
     for _ in range(periods - 1):
         effects.insert(0, one[:6, :6] @ effects[0])
     matrix = np.hstack(effects)
     coasted = np.linalg.matrix_power(one[:6, :6], periods) @ start
     found = linprog(
-        np.full(2 * matrix.shape[1], 10.0),
+        10.0 * np.tile(strength, 2 * periods),
         A_eq=np.hstack([matrix, -matrix])[:3],
         b_eq=-coasted[:3],
         bounds=(0.0, 1.0),

@@ -391,7 +391,8 @@ def test_tables_of_few_numbers_are_stored_without_loss() -> None:
     unlike[7] = unlike[7, ::-1]
     bits = random.choice(np.array([-0.5, 0.5], np.float32), (40, 7))
     zeros = np.where(bits > 0.0, np.float32(0.0), np.float32(-0.0))
-    for table in (alike, unlike, bits, zeros, bits[:, :1]):
+    three = random.choice(np.array([-0.5, 0.5, 1.0], np.float32), (40, 7))
+    for table in (alike, unlike, bits, zeros, bits[:, :1], three):
         packed = Packed.of(np.ascontiguousarray(table))
         assert packed is not None
         assert packed.bytes <= table.nbytes // 2

@@ -12,6 +12,8 @@ from rans_robot.foreign import write_foreign_export
 from rans_robot.pilot import exported_agent
 
 from rans import ConfigError, RansWarning
+from rans.base.pretrained import pretrained_folder
+from rans.deploy.export import write_export
 from tests.support.graphs import model_of, step
 
 onnxruntime = pytest.importorskip("onnxruntime")
@@ -40,6 +42,17 @@ def test_the_folder_flies_as_its_contract_says(tmp_path):
         exported_agent(folder)
     with pytest.raises(ConfigError, match="not as c"):
         write_foreign_export(spec, tmp_path / "other", "c", episodes=16)
+
+
+def test_one_thruster_of_one_golden_pair_is_enough_to_refuse_an_export(tmp_path):
+    write_export(pretrained_folder("go-to-pose-2d"), tmp_path, "onnx", episodes=2)
+    exported_agent(tmp_path)
+    file = tmp_path / "golden.json"
+    pairs = json.loads(file.read_text("utf-8"))
+    pairs["command"][7][3] = 1 - pairs["command"][7][3]
+    file.write_text(json.dumps(pairs))
+    with pytest.raises(ConfigError, match=f"1 of {len(pairs['command'])} golden pairs"):
+        exported_agent(tmp_path)
 
 
 @pytest.mark.parametrize(

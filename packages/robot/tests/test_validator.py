@@ -574,3 +574,14 @@ def test_a_twin_says_what_it_refuses_and_its_watchdog_shuts(monkeypatch):
     assert not valves[-1]
     assert sum("commands: the command is (nan" in text for text in said) == 1
     assert any("valves shut" in text for text in said)
+
+
+def test_one_quick_message_alone_sets_no_clock():
+    """Messages that take 0.1 s count as measured when they came, until three in a row come at once."""
+    judge = validator()
+    for k, delay in enumerate([0.1] * 3 + [0.0] + [0.1] * 3 + [0.0] * 3 + [0.1] * 2):
+        measured = NOW + k * SECOND // 5
+        now = measured + round(delay * SECOND)
+        moment = judge.state("pose", Reading(measured), now).moment
+        # Clocks drift by 1 ms a second.
+        assert moment == pytest.approx(measured if k >= 9 else now, abs=3_000_000)

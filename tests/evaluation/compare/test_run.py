@@ -12,9 +12,11 @@ import pytest
 from rans_bounds.problem import SearchEffort
 from rans_optimal import relaxed
 
-from rans import ConfigError, Timing
+from rans import LQR, ConfigError, Timing
 from rans.base.progress import unseen_stages
 from rans.episode.flight import fly
+from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import TYPICAL, Comparison
 from rans.show.pages.comparison_page import page
@@ -29,6 +31,7 @@ from rans.show.tables.comparison_tables import (
 )
 from rans.tasks.goal_set import arrived
 from tests.support.contests import CONTEST, IDLE
+from tests.support.evaluation_flights import flight_of
 from tests.support.played import Played
 
 SPECS = ["lqr:go-to-pose-2d", IDLE, "python:tests.support.policies:broken"]
@@ -212,3 +215,24 @@ def test_nobody_flies_twice_and_names_differ(monkeypatch):
     found.fly(enlisted(thrice, found.contest), ["lqr"])
     assert [entry.name for entry in found.entries] == ["LQR", "lqr:go-to-pose-2d@floating-platform"]
     assert found.failures == []
+
+
+def test_a_flight_below_a_bound_is_named_however_little():
+    """Bounds of settling count up to the instant after which no flight is seen to leave the tolerances."""
+    task = CONTEST.task
+    entry = Entry(
+        Contestant("x", LQR(CONTEST.craft, task), "", ""),
+        flight_of(np.array([[1.0, 0.5, 0.04, *[0.01] * 27]]).T, 0.0, task=task),
+    )
+    times = {"arrival": 1.0, "settling": 1.0}
+    for kind, time in times.items():
+        for more, named in ((-1e-6, 0), (1e-6, 1)):
+            found = Comparison(CONTEST, [entry], certified=[Bound(0, None, time + more, kind=kind)])
+            found.__dict__["least_time"] = CONTEST.duration
+            assert len(found.impossible()) == named
+    late = [Bound(0, None, 100.0, kind=kind) for kind in times]
+    found = Comparison(CONTEST, [entry], certified=late)
+    assert found.bounds(Event())[0] == [100.0]
+    (settling,) = found.bounds(Event("settling"))[0]
+    # The platform brakes and comes back within 10 cm in about 1 s.
+    assert CONTEST.duration - 2.0 < settling < CONTEST.duration

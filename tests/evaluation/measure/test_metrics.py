@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
+from rans import GoToPose
 from rans.base.errors import ConfigError
 from rans.base.files import plain
 from rans.evaluation.measure.aggregate import Metrics, measure
@@ -16,6 +17,7 @@ from rans.evaluation.measure.metrics import (
     FURTHER,
     Sample,
     arrival_times,
+    impulses,
     settling_times,
     staying_times,
     worst_errors,
@@ -192,3 +194,35 @@ def test_the_worst_of_a_state_that_was_lost_is_infinite():
     assert worst["attitude"].tolist() == pytest.approx([math.radians(2.5)] * 2)
     shares, _ = worst_errors(flight_of(distance, 4.5))
     assert shares.tolist() == pytest.approx([0.9, math.inf])
+
+
+def test_effort_ends_with_a_success():
+    """Two thrusters of 1 N are open throughout; the second flight is won after three of ten periods of 0.5 s."""
+    commands = np.zeros((10, 2, 8))
+    commands[:, :, :2] = 1.0
+    flight = flight_of(np.ones((11, 2)), 0.0, commands)
+    won = replace(flight, lengths=np.array([10, 3]))
+    assert impulses(won).tolist() == pytest.approx([10.0, 3.0])
+
+
+class Walled(GoToPose):
+    def constraints(self, state: Any, goal: Any) -> dict[str, Any]:
+        return {"wall": 3.0 - state.p.x}
+
+    def done(self, state: Any, goal: Any) -> Any:
+        return state.p.x > 9.0
+
+
+def test_percentiles_of_a_margin_are_of_its_lower_end():
+    """The least margins of 1,000 flights are 1 to 1,000: 99 % keep 10 or more, 90 % keep 100."""
+    margins = np.tile(np.random.default_rng(1).permutation(1000) + 1.0, (4, 1))
+    margins[:2] += 50.0
+    flight = replace(
+        flight_of(np.ones((5, 1000)), 0.0, task=Walled()),
+        margins={"wall": margins},
+        lengths=np.full(1000, 4),
+        done=np.zeros(1000, bool),
+    )
+    measured = measure(flight)
+    found = [measured[f"wall {part} %"].value for part in ("50", "90", "99")]
+    assert found == pytest.approx([500.0, 100.0, 10.0], abs=1.0)

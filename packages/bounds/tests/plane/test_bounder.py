@@ -191,3 +191,14 @@ def test_the_bound_of_time_is_the_first_that_was_not_excluded(ends, bounds, monk
     found = certified_least_time(craft, Problem(away, rest), len(ends), SearchEffort(levels=3))
     assert (found.lower, found.upper) == pytest.approx(bounds)
     assert (found.commands is not None) == math.isfinite(bounds[1])
+
+
+@pytest.mark.parametrize(
+    ("pulses", "tolerance", "can"), [(3.0, 0.0, True), (2.5, 0.0, False), (2.5, 0.6, True)]
+)
+def test_a_spin_stops_that_whole_pulses_take_to_the_goal_s(pulses, tolerance, can):
+    """Spins and tolerances in units of what one pulse changes."""
+    lattice = Lattice(PLATFORM, PERIOD)
+    start = dataclasses.replace(planar(), w=pulses * lattice.spin)
+    goals = dataclasses.replace(SNUG, spin=tolerance * lattice.spin)
+    assert PlanarBounder(lattice).can_stop(Problem(start, planar(), goals)) == can

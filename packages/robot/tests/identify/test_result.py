@@ -84,6 +84,13 @@ def test_poses_alone_are_enough(flight, found, tmp_path):
     assert poses.fit.deviations[0] > found.fit.deviations[0]
 
 
+def test_an_interval_of_95_percent_is_of_two_deviations(found):
+    """By the normal distribution: 1.96 of them, to either side, of a covariance whose root is 0.01 to 0.16."""
+    deviations = 0.01 * np.arange(1, 1 + len(found.fit.values))
+    row = Identification(replace(found.fit, covariance=np.diag(deviations**2))).rows()[2]
+    assert (row.high - row.value, row.value - row.low) == pytest.approx((0.0588,) * 2, rel=1e-3)
+
+
 def test_a_planar_moment_above_twice_the_sheet_s_is_written(found, tmp_path):
     """As after a ring of batteries was mounted; with the sheet's other moments no rigid body has it."""
     values = found.fit.values.copy()
