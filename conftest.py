@@ -78,6 +78,31 @@ def pytest_pycollect_makemodule(module_path: Path, parent: pytest.Collector) -> 
     return Module.from_parent(parent, path=module_path)
 
 
+class Refusals(pytest.File):
+    """What a room refuses: its file ``refused.txt``, which is run with the tests of the room."""
+
+    def collect(self) -> Iterable[pytest.Item]:
+        """One test of all rows."""
+        from tests.test_refusals import check_rows
+
+        def sentences(here: Path) -> None:
+            check_rows(self.path)
+
+        yield pytest.Function.from_parent(self, name="sentences", callobj=sentences)
+
+
+def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> Refusals | None:
+    """Tables of refusals are collected where they stand."""
+    is_table = file_path.name == "refused.txt"
+    return Refusals.from_parent(parent, path=file_path) if is_table else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Beside the test of all tables none is run by itself."""
+    if any(item.path.name == "test_refusals.py" for item in items):
+        items[:] = [item for item in items if not isinstance(item.parent, Refusals)]
+
+
 @pytest.fixture(autouse=True)
 def _one_thread() -> None:
     """One torch thread: small tensors gain nothing from more, and tests run side by side."""

@@ -1,4 +1,6 @@
-"""What RANS refuses or warns of, and that its sentence names it: the rows of every ``refused.txt`` of a room.
+"""What RANS refuses or warns of, and that its sentence names it: the rows of every ``refused.txt``.
+
+The tests of a room run its own (conftest.py); here are those of all rooms.
 
 A row is a call and, below it, the class and the words of its error or warning; ``...`` stands for any others. Calls
 without an answer are made before the rows of their file.
@@ -55,6 +57,10 @@ def test_a_command_is_refused_in_a_sentence_and_writes_nothing(line, words, refu
 @pytest.mark.parametrize("file", sorted(FILES), ids=lambda file: str(file.parent.relative_to(ROOT)))
 @pytest.mark.usefixtures("here")
 def test_a_sentence_names_what_is_wrong(file):
+    check_rows(file)
+
+
+def check_rows(file: Path) -> None:
     """Every row of a file of refusals raises the sentence that it states; a note names the row that fails."""
     names = prepared(file)
     for row in examples(file):
