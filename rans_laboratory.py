@@ -21,7 +21,7 @@ def __getattr__(name: str) -> Any:
     """An entry point, from the ``validation`` that is ours, whatever has this name where the user stands.
 
     In a wheel it lies in ``rans/laboratory``, so that the name is not installed; in a working copy
-    beside ``rans`` (docs/decisions/security.md).
+    beside ``rans`` (docs/decisions/software.md).
     """
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

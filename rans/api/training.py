@@ -351,7 +351,7 @@ def from_any_craft(config: TrainConfig, craft: Spacecraft) -> TrainConfig:
 
     It imitates the agent at the value that flights of the craft choose, and ends as soon as it solves the task. By
     reinforcement learning alone the agent of the same seconds spends 1.8 to 2.5 times the thrust
-    (docs/decisions/learners.md). In space, under conditions, for other tasks and where the agent loses flights the
+    (docs/decisions/learning.md). In space, under conditions, for other tasks and where the agent loses flights the
     config is as it was.
     """
     from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder

@@ -1,7 +1,7 @@
 """Machine code of processors and GPUs, which an installed package makes (group ``rans.machine_code``).
 
 Without it NumPy and torch compute the same numbers to rounding; a training takes twice the time of a processor, and
-a GPU steps by what torch compiles (docs/decisions/kernels.md).
+a GPU steps by what torch compiles (docs/decisions/engine.md).
 """
 
 from __future__ import annotations

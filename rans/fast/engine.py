@@ -66,7 +66,7 @@ class Engine:
         dtype: torch.float32, or torch.float64 for comparisons.
         compiled: whether a step is one compiled kernel; by default on a GPU only. Otherwise a CPU runs the same
             source on NumPy, two to six times faster than uncompiled torch.
-        generated: whether a GPU uses a package's kernel (docs/decisions/kernels.md), which is 1.4 to 2.7 times as
+        generated: whether a GPU uses a package's kernel (docs/decisions/engine.md), which is 1.4 to 2.7 times as
             fast as that of torch.compile, its replacement where there is none.
         processes: processes that share the batch; ``num_envs`` is the number of this one.
         body: mass properties and thruster health of each spacecraft, numbers or (N,); None: as designed.

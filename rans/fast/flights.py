@@ -47,7 +47,7 @@ class Flights:
         device: torch device of the computation.
         listed: largest number of failed flights whose numbers are stored.
         products: precision of the network's matrix products on a GPU, by the names of XLA: of one bfloat16 number,
-            which changes one command in a thousand, or of two or three (docs/decisions/kernels.md).
+            which changes one command in a thousand, or of two or three (docs/decisions/engine.md).
         generated: whether flights are generated programs where possible; else torch or NumPy steps them.
         plain: whether torch steps them by single operations (docs/plain.md).
 

@@ -43,10 +43,10 @@ class Architecture:
     """Key of `rans.policy.activations.ACTIVATIONS`."""
     zoom: float = 0.0
     """Magnification of a second look at every column, squashed by tanh, so that a centimetre is as plain to
-    see as a metre (docs/decisions/policies.md). 0: no second look."""
+    see as a metre (docs/decisions/learning.md). 0: no second look."""
     symmetries: Symmetries | None = None
     """Of the spacecraft: every state is seen from the one of its equivalent sides that has the goal ahead
-    (docs/decisions/policies.md)."""
+    (docs/decisions/learning.md)."""
     bf16: bool = False
     """Whether on a GPU the hidden layers' products are of bfloat16."""
     head: str = "on-off"
@@ -84,7 +84,7 @@ class Architecture:
     averages: tuple[float, ...] = ()
     """Besides, exponential moving averages of all of them: the share that each keeps from step to step."""
     filters: Filters | None = None
-    """Besides, what each of a bank of Kalman filters makes of the columns (docs/decisions/robustness.md)."""
+    """Besides, what each of a bank of Kalman filters makes of the columns (docs/decisions/learning.md)."""
     privileged: int = 0
     """Numbers that only the critic, which then has a trunk of its own, is given."""
     nominal: tuple[float, ...] = ()
@@ -146,7 +146,7 @@ class Architecture:
 
     @property
     def columns(self) -> Layout:
-        """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/policies.md)."""
+        """Layout of the columns: vectors are in the frame of the spacecraft (docs/decisions/learning.md)."""
         return self.kind.columns(self)
 
     def preprocessed(self, observation: Columns) -> list[Field]:

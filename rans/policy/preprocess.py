@@ -1,7 +1,7 @@
 """Preprocessing of observations: columns, symmetric views, filters and normalisation.
 
 They are formulas on fields, which torch, machine code, CUDA kernels and exported files all compute
-(docs/decisions/policies.md has why vectors are in the frame of the spacecraft).
+(docs/decisions/learning.md has why vectors are in the frame of the spacecraft).
 """
 
 from __future__ import annotations

@@ -239,7 +239,7 @@ def _filtered(
 
 
 def _normalised_columns(program: Program, architecture: Architecture, viewed: str) -> list[str]:
-    """Columns normalised and, if there is a zoom, a second time magnified (docs/decisions/policies.md)."""
+    """Columns normalised and, if there is a zoom, a second time magnified (docs/decisions/learning.md)."""
     mean, scale = (program.parameter(name, architecture.column_count) for name in ("mean", "scale"))
     results = [
         program.each(lambda x, m, s: normalised(x, m, s, architecture.clip), viewed, mean, scale)
@@ -253,7 +253,7 @@ def _normalised_columns(program: Program, architecture: Architecture, viewed: st
 
 @dataclass(frozen=True)
 class _View:
-    """The equivalent side from which each spacecraft is viewed (docs/decisions/policies.md)."""
+    """The equivalent side from which each spacecraft is viewed (docs/decisions/learning.md)."""
 
     views: Symmetries
     side: str

@@ -59,7 +59,7 @@ class Task(Settings, ABC):
         raise ConfigError(f"{purpose}, and {type(task).__name__} is not one.")
 
     symmetric: ClassVar[bool] = True
-    """Whether policies exploit the symmetry of the spacecraft by default (docs/decisions/policies.md)."""
+    """Whether policies exploit the symmetry of the spacecraft by default (docs/decisions/learning.md)."""
 
     def parts(self) -> Mapping[str, Task]:
         """Tasks on which an agent is evaluated separately, by name: those of a multi-task, else the task as ""."""

@@ -67,7 +67,7 @@ class GoToPose(Arriving):
         """Terms exp(-distance / scale) and exp(-angle / scale) of the original system, wider and narrower copies.
 
         Without the wide "turn" term some seeds keep the position with any attitude and remain in that local
-        optimum. Without "approach" training takes twice as long (docs/decisions/learners.md).
+        optimum. Without "approach" training takes twice as long (docs/decisions/learning.md).
 
         Shipped agents were trained with it, so that another term or scale needs a setting whose default leaves it
         out.

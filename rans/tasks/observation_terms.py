@@ -151,7 +151,7 @@ class RelativeRotation(ObservationTerm):
 
 @dataclass(frozen=True)
 class OwnRotation(RelativeRotation):
-    """Attitude R_WB of the craft, which turns vectors to B and is then removed (docs/decisions/policies.md)."""
+    """Attitude R_WB of the craft, which turns vectors to B and is then removed (docs/decisions/learning.md)."""
 
     frame = "W"
     matrix = "R_WB"

@@ -1,7 +1,7 @@
 """A bank of Kalman filters with different process noise, which trust the designed craft more or less.
 
 After Magill, "Optimal adaptive estimation of sampled stochastic processes", 1965; the network weighs their
-estimates itself (docs/decisions/robustness.md).
+estimates itself (docs/decisions/learning.md).
 """
 
 from __future__ import annotations

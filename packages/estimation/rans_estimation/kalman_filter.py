@@ -2,7 +2,7 @@
 
 Noise in readings hides what a craft is about to do; its mass, its thrust and the commands predict most of it
 (Kalman, "A new approach to linear filtering and prediction problems", 1960). The state is made of the observed
-columns in the body frame B, so that the observation of any task may be filtered (docs/decisions/robustness.md).
+columns in the body frame B, so that the observation of any task may be filtered (docs/decisions/learning.md).
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ a default.
 A recipe is a config in TOML (``rans/data/recipes``) with three more keys. ``base`` names a recipe that supplies
 missing values; ``conditions`` is a name (see `load_conditions`); ``[gpu]`` overrides values on a GPU. Its
 ``step_factor`` multiplies ``total_timesteps`` and the ``begin`` and ``duration`` of the curriculum unless ``[gpu]``
-sets them. docs/decisions/learners.md says how the values of the presets were chosen.
+sets them. docs/decisions/learning.md says how the values of the presets were chosen.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ class MemorySettings(Settings):
 class FilterSettings(Settings):
     """Kalman filters with the model of the spacecraft as designed, whose estimates a network observes.
 
-    Each list has a number for every filter. By default there are none (docs/decisions/robustness.md).
+    Each list has a number for every filter. By default there are none (docs/decisions/learning.md).
 
     Raises:
         ConfigError: a number is out of its range, or a list has another length.
@@ -123,7 +123,7 @@ class FilterSettings(Settings):
     """Gate of readings: the prediction of the filters is observed in place of readings that are missing or deviate
     by more than this, in units of the velocity change of all thrusters along one axis in a control period (for
     poses the same number in m and rad). Every agent that ships with filters was trained and judged with it
-    (docs/decisions/robustness.md)."""
+    (docs/decisions/learning.md)."""
 
     def __post_init__(self) -> None:
         within = lambda x: 1e-6 <= x <= 1e6  # noqa: E731
@@ -162,7 +162,7 @@ class ScheduleSettings(Settings):
 
     desired_kl: ClassVar[float] = 0.016
     """Target KL divergence of an update, to which the step size adapts. All agents that ship have it, and half as
-    much trains as well (docs/decisions/commands.md)."""
+    much trains as well (docs/decisions/software.md)."""
 
     def __post_init__(self) -> None:
         require_bounds(self, "finite and > 0", lambda x: 0 < x < math.inf, "max_learning_rate")
@@ -237,10 +237,10 @@ class PPOSettings:
     """Whether the policy is equivariant under the symmetries of the spacecraft."""
     zoom: float = 0.0
     """Magnification of a second copy of all observed columns, for agents that keep the position within millimetres
-    (docs/decisions/policies.md). 0: no copy, which learns coarse motion sooner."""
+    (docs/decisions/learning.md). 0: no copy, which learns coarse motion sooner."""
     matmul: Precision = "tf32"
     """Precision of matrix products on a GPU; a CPU always uses float32. With bf16 the gradients of most networks
-    are one kernel (docs/decisions/kernels.md)."""
+    are one kernel (docs/decisions/engine.md)."""
     memory: MemorySettings = _NO_MEMORY
     """Memory of the network."""
     filters: FilterSettings = _NO_FILTERS

@@ -31,7 +31,7 @@ class RunFolder:
     row per report, ``checkpoint.safetensors`` resumes it, ``agent.safetensors`` is the agent with its critic,
     ``nonfinite.safetensors`` what a training was in which a number became NaN;
     that of an exported agent has no critic. Opening these files executes no code from them
-    (docs/decisions/security.md).
+    (docs/decisions/software.md).
 
     Args:
         path: the folder; need not exist.

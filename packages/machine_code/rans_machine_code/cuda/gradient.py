@@ -1,4 +1,4 @@
-"""Gradients of the PPO losses without autograd, for GPUs with bfloat16 products (docs/decisions/kernels.md).
+"""Gradients of the PPO losses without autograd, for GPUs with bfloat16 products (docs/decisions/engine.md).
 
 They are computed in matrix products, forward and backward.
 """

@@ -24,7 +24,7 @@ MANY = 2**18
 """Number of spacecraft from which a thread steps two, if it is even: with fewer there are too few threads."""
 LONG = 950
 """Number of operations from which a step is not bound by memory: two spacecraft in a thread would only need more
-registers and instruction cache (docs/decisions/kernels.md)."""
+registers and instruction cache (docs/decisions/engine.md)."""
 
 
 class Kernel:
