@@ -39,7 +39,6 @@ extensions = [
 ]
 root_doc = "index"
 exclude_patterns = [
-    "README.md",  # the list of pages for readers of the repository
     "tutorials",  # sources of `learn`
     "_ext",
     "_extra",
@@ -89,6 +88,7 @@ warnings.filterwarnings("ignore", message=".*FigureCanvasAgg is non-interactive.
 
 # Pages
 html_theme = "pydata_sphinx_theme"
+templates_path = ["_templates"]
 html_title = "RANS"
 html_static_path = ["_static"]
 html_extra_path = ["_extra"]  # written by docs/_ext/live_pages.py
@@ -107,7 +107,7 @@ html_theme_options = {
     "navbar_end": ["theme-switcher"],
     "navbar_persistent": ["search-button-field"],
     "secondary_sidebar_items": ["page-toc", "sg_download_links"],
-    "footer_start": ["copyright"],
+    "footer_start": ["copyright", "cite"],
     "footer_end": [],
     "show_prev_next": True,
     "show_toc_level": 2,

@@ -385,7 +385,7 @@ def test_environment_variables_are_listed():
         name for text in texts for name in re.findall(r'environ(?:\.get\(|\[)"([A-Z_]+)"', text)
     }
     read |= {name for text in texts for name in re.findall(r'_VARIABLE = "([A-Z_]+)"', text)}
-    listed = " ".join(row[0] for row in rows(ROOT / "docs/faq.md", "variable"))
+    listed = " ".join(row[0] for row in rows(ROOT / "docs/terminal.md", "variable"))
     named = {name.partition("=")[0] for name in re.findall(r"`([^`]+)`", listed)}
     assert {"RANS_TRUST", "RANS_TRACEBACK"} <= read
     assert read - OF_OTHERS - named == set()

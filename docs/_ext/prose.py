@@ -68,7 +68,7 @@ def pages() -> list[Path]:
         ROOT / "README.md",
         *sorted(ROOT.glob("packages/*/README.md")),
         *sorted(ROOT.glob("examples/**/README.md")),
-        *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL | {"README.md"}),
+        *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL),
         *sorted(ROOT.glob("packages/*/docs/*.md")),
         *sorted(DOCS.glob("decisions/*.md")),
         *sorted(ROOT.glob("packages/*/docs/decisions/*.md")),

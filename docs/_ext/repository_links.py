@@ -35,7 +35,7 @@ def _rewritten(app: Sphinx, docname: str, content: list[str]) -> None:
         if not path or "://" in path:
             return link[0]
         file = (docs / path[1:] if path.startswith("/") else folder / path).resolve()
-        if file in (docs.parent / "README.md", docs / "README.md"):
+        if file == docs.parent / "README.md":
             return f"[{text}](/index.md)"
         if file.is_relative_to(docs / "tutorials"):
             return f"[{text}](/learn/{file.stem}.rst)"

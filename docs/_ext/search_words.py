@@ -136,7 +136,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "requirements",
         "uv",
     ),
-    "limits": ("limitations", "known issues", "contact dynamics"),
+    "choose": ("limitations", "known issues", "contact dynamics", "faq", "which agent"),
     "memory": (
         "kalman filter",
         "state estimation",
