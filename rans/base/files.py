@@ -639,8 +639,16 @@ def made_by(function: str) -> str:
 
 
 def git_revision() -> str:
-    """Git revision of the working copy of this package, or "unknown" without one."""
-    command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--dirty", "--tags"]
+    """Git revision of the checkout of RANS that this package is in, or "unknown" without one.
+
+    A repository further up is a user's, as round a virtual environment: it is not asked, nor is a program that a
+    repository's settings name run.
+    """
+    root = system.PACKAGE_FOLDER.parent
+    if not ((root / ".git").exists() and (root / "rans_command.py").exists()):
+        return "unknown"
+    command = ["git", "-C", str(root), "-c", "core.fsmonitor=false"]
+    command += ["describe", "--always", "--dirty", "--tags"]
     try:
         result = subprocess.run(command, capture_output=True, text=True, timeout=5, check=False)
     except (OSError, subprocess.TimeoutExpired):

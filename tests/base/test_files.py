@@ -4,6 +4,7 @@ import os
 import stat
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -298,14 +299,23 @@ def test_what_the_environment_says_is_so(monkeypatch):
     assert known["system"] == f"{os.uname().sysname} {os.uname().machine}"
 
 
-def test_revision_without_git(monkeypatch):
-    for failure in (FileNotFoundError("git"), subprocess.TimeoutExpired("git", 5)):
-
-        def fail(*_, failure=failure, **__):
-            raise failure
-
-        monkeypatch.setattr(files.subprocess, "run", fail)
+def test_the_revision_is_of_a_checkout_of_rans_alone(tmp_path, monkeypatch):
+    """Not of a repository round a virtual environment, whose settings would name a program to run."""
+    run = partial(subprocess.run, cwd=tmp_path, check=True, capture_output=True)
+    run(["git", "init"])
+    run(["git", "-c", "user.name=a", "-c", "user.email=a@b", "commit", "--allow-empty", "-m", "a"])
+    run(["git", "config", "core.fsmonitor", f"touch {tmp_path}/ran;"])
+    installed = tmp_path / ".venv/lib/site-packages"
+    for folder in (installed / "rans", tmp_path / "rans"):
+        folder.mkdir(parents=True)
+        (installed / "rans_command.py").touch()
+        monkeypatch.setattr("rans.base.system.PACKAGE_FOLDER", folder)
         assert git_revision() == "unknown"
+    (tmp_path / "rans_command.py").touch()
+    assert len(git_revision()) == 7
+    assert not (tmp_path / "ran").exists()
+    monkeypatch.setenv("PATH", "")
+    assert git_revision() == "unknown"
 
 
 def test_json_that_is_deep_is_told(tmp_path):

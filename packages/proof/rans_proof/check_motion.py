@@ -73,7 +73,7 @@ def formula(text: str, names: Sequence[str]) -> Formula:
             case ast.Constant(value=int() | float() as value) if (
                 type(value) is not bool and abs(value) < 1e300
             ):
-                number = arb(float(value))
+                number = arb(value)  # exact, as a whole number beyond 2^53 is too
                 return lambda _: number
             case ast.Name(id=name) if name in names:
                 return operator.itemgetter(list(names).index(name))

@@ -5,7 +5,8 @@ from __future__ import annotations
 import ast
 import functools
 import math
-from collections.abc import Mapping
+import operator
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,12 @@ from rans.extend import ConfigError, brief
 
 FUNCTIONS = ("sin", "cos", "tan", "exp", "sqrt")
 """Functions of one argument that formulas may have."""
+_SIGNS: dict[type, Callable[[Any, Any], Any]] = {
+    ast.Add: operator.add,
+    ast.Sub: operator.sub,
+    ast.Mult: operator.mul,
+    ast.Div: operator.truediv,
+}
 _DEEPEST = 50
 """Operations within operations at most, which is fewer than the checker reads; a + b + c has two."""
 _MOST_NODES = 20_000
@@ -22,6 +29,8 @@ _MOST_NODES = 20_000
 
 def formula_value(text: str, values: Mapping[str, Any]) -> Any:
     """Value of a formula; no other syntax than a formula's is executed.
+
+    Among nodes of a tape an operation on literals is a node, too: what a float would round is not lost unseen.
 
     Args:
         text: numbers, names, +, -, *, /, brackets and `FUNCTIONS`.
@@ -32,6 +41,12 @@ def formula_value(text: str, values: Mapping[str, Any]) -> Any:
         ConfigError: the text is something else.
     """
     return _value(_tree(text), values, text, 0)
+
+
+def _literal(value: Any, values: Mapping[str, Any]) -> Any:
+    """A float of a formula as a node of the tape of its names; all else, and a float without a tape, as it is."""
+    node = next((x.tape.node for x in values.values() if isinstance(x, Node)), float)
+    return node(value) if isinstance(value, float) else value
 
 
 @functools.lru_cache(maxsize=256)
@@ -67,25 +82,26 @@ def _value(node: ast.expr, values: Mapping[str, Any], text: str, depth: int) -> 
         case ast.Constant(value=int() | float() as number) if (
             type(number) is not bool and abs(number) < 1e300
         ):
+            if float(number) != number:
+                raise ConfigError(
+                    f"{brief(text)} has the whole number {number}, which no double is: write it with a point, as "
+                    f"{float(number)!r}."
+                )
             return float(number)
         case ast.Name(id=name) if name in values:
             value = values[name]
             return float(value) if isinstance(value, int) else value
         case ast.UnaryOp(op=ast.USub(), operand=operand):
             return -inner(operand)
-        case ast.BinOp(left=left, op=ast.Add(), right=right):
-            return inner(left) + inner(right)
-        case ast.BinOp(left=left, op=ast.Sub(), right=right):
-            return inner(left) - inner(right)
-        case ast.BinOp(left=left, op=ast.Mult(), right=right):
-            return inner(left) * inner(right)
-        case ast.BinOp(left=left, op=ast.Div(), right=right):
-            divisor = inner(right)
-            if isinstance(divisor, float) and divisor == 0.0:
+        case ast.BinOp(op=op) if type(op) in _SIGNS:
+            first, second = inner(node.left), inner(node.right)
+            if type(op) is ast.Div and isinstance(second, float) and second == 0.0:
                 raise ConfigError(f"{brief(text)} divides by 0.")
-            return inner(left) / divisor
+            if isinstance(second, float):
+                first = _literal(first, values)
+            return _SIGNS[type(op)](first, second)
         case ast.Call(func=ast.Name(id=name), args=[argument], keywords=[]) if name in FUNCTIONS:
-            return _function(name, inner(argument), text)
+            return _function(name, _literal(inner(argument), values), text)
     raise ConfigError(
         f"{brief(text)} is no formula of a problem: those have numbers, {', '.join(values)}, +, -, *, /, brackets, "
         f"and {', '.join(FUNCTIONS)} of one argument."

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
@@ -173,7 +174,7 @@ class Problem:
 
 
 def linear_function(text: str, names: Sequence[str]) -> np.ndarray:
-    """Factors of names in a formula, and its constant as the last one.
+    """Factors of names in a formula, and its constant as the last one, computed as fractions and rounded once.
 
     Raises:
         NotLinear: the formula is no linear function.
@@ -182,26 +183,29 @@ def linear_function(text: str, names: Sequence[str]) -> np.ndarray:
     tape = Tape(len(names))
     variables = dict(zip(names, tape.variables, strict=True))
     result = tape.node(formula_value(text, variables))
-    eye = np.eye(len(names) + 1)
+    eye = np.eye(len(names) + 1, dtype=object)
     rows: list[np.ndarray] = []
     for operation in tape.operations:
         match operation:
             case "variable", number:
                 row = eye[number]
             case "constant", value:
-                row = value * eye[-1]
+                row = Fraction(value) * eye[-1]
             case "sum", first, second:
                 row = rows[first] + rows[second]
             case "multiple", first, factor:
-                row = factor * rows[first]
+                row = Fraction(factor) * rows[first]
             case "product", first, second if not rows[second][:-1].any():
                 row = rows[second][-1] * rows[first]
-            case "inverse", first if not rows[first][:-1].any():
+            case "inverse", first if not rows[first][:-1].any() and rows[first][-1]:
                 row = eye[-1] / rows[first][-1]
             case _:
                 raise NotLinear(brief(text))
         rows.append(row)
-    return rows[result.number]
+    try:
+        return rows[result.number].astype(float)
+    except OverflowError:  # beyond the largest double
+        raise NotLinear(brief(text)) from None
 
 
 class NotLinear(Exception):

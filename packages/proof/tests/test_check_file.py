@@ -6,18 +6,25 @@ import json
 import math
 from typing import Any
 
+import numpy as np
 import pytest
+import torch
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from rans_proof.formula import formula_value
+from rans_proof.network import network_of
 from rans_proof.problem import problem_of
+from rans_proof.prove import ClosedLoop
 
 from rans import ConfigError
+from tests.support.graphs import graph
 
+pytest.importorskip("onnxruntime")
 pytest.importorskip("flint")
 
 from flint import arb
 from rans_proof.balls import Refused
+from rans_proof.check import Loop
 from rans_proof.check_motion import formula
 from rans_proof.check_problem import claim_of, difference, problem_table, statement
 
@@ -196,6 +203,38 @@ def test_formulas_are_computed_as_python_does_or_refused_by_both(text):
 
 
 def test_a_theorem_prints_what_was_parsed():
-    """Of 0x10 and brackets that mean nothing their values, on one line."""
-    text = PROBLEM.replace('"0.1 * u0"', '"(0x10 *\\n u0) / 1_0"')
-    assert "x1' = 16 * u0 / 10\n" in statement(problem_table(text))
+    """Of 0x10 and brackets that mean nothing their values, on one line; of a number that is rounded the double."""
+    text = PROBLEM.replace('"0.1 * u0"', '"(0x10 *\\n u0) / 1_0 + 0.30000000000000000001"')
+    assert "x1' = 16 * u0 / 10 + 0.3\n" in statement(problem_table(text))
+
+
+@pytest.mark.parametrize(
+    ("text", "is_proved"),
+    [
+        ("u0 + 9007199254740993 - 9007199254740992", None),  # 2^53 + 1, which is no double
+        ("u0 + (9007199254740992 + 1.0 - 9007199254740992)", False),
+        ("u0 + 2e16 * (exp(1) - 2.718281828459045)", False),
+        ("u0 + (9007199254740992 - 1 - 9007199254740991)", True),
+    ],
+)
+def test_literals_are_what_is_printed_of_them_in_both_programs(text, is_proved):
+    """Sums that are 1, 1, 2.9 and 0: a mass of the rate u0 = -x0 stays within 0.75 only without the one."""
+    held = f'''
+name = "held"
+period = 0.1
+steps = 20
+commands = 1
+derivative = ["{text}"]
+start = {{lower = [-0.1], upper = [0.1]}}
+keep.within = {{lower = [-0.75], upper = [0.75]}}
+'''
+    network = graph("y = Gemm(x, W)", shape=["N", 1], W=-np.ones((1, 1)))
+    cell = np.array([[-0.1]]), np.array([[0.1]])
+    margin = Loop(problem_table(held), network).margin([(-0.1, 0.1)])
+    assert (margin > 0.0) == (is_proved is True)
+    if is_proved is None:
+        with pytest.raises(ConfigError, match="no double"):
+            problem_of(held)
+        return
+    loop = ClosedLoop(problem_of(held), network_of(network, "it"), torch.device("cpu"))
+    assert (loop.margins(*cell)[0] > 0.0) == is_proved
