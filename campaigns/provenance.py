@@ -27,7 +27,7 @@ _WRITTEN = {name for source in ROWS.values() for name in source.evidence}
 def page() -> str:
     """Text of docs/provenance.md."""
     measured = (*_rows(), _duration(), _TAIL, *_records())
-    return "\n".join([_HEAD, *measured, _DRAWN, _ONCE, *_once()]) + "\n"
+    return "\n".join([_HEAD, *measured, _DRAWN, _ONCE]) + "\n"
 
 
 _HEAD = """# Provenance
@@ -69,12 +69,9 @@ are not measured again.
 _ONCE = """
 ## Measured once
 
-The code of these figures is in git alone: another flight does not change them, or a command of RANS that their page
-names flies the same again. `git worktree add ../then COMMIT` and `make setup` in that folder bring it back, and the
-module named here runs there with `python -m`.
-
-| page | evidence | module | commit |
-|---|---|---|---|"""
+Other figures were measured by code that left, since another flight does not change them. The table `once` of
+`campaigns/provenance.toml` names the page, the evidence, the module and the commit of each. `git worktree add
+../then COMMIT` and `make setup` in that folder bring the code back, and `python -m MODULE` runs it there."""
 _DRAWN = """
 `python -m campaigns.pictures` draws the pictures, others were drawn once (`campaigns/provenance.toml`)."""
 
@@ -125,12 +122,6 @@ def _duration() -> str:
         f"number of flights is stated would take {sum(grown):,.0f} s, if their times grow as the flights do: "
         f"{sum(grown) / 960.0:.0f} minutes on 16 processors; the others search or bound."
     )
-
-
-def _once() -> Iterator[str]:
-    for where, name, modules, commit in ONCE:
-        file = f"`{name}`" if name else "-"
-        yield f"| [{Path(where).stem}]({_in_repository(where)}) | {file} | `{modules}` | `{commit}` |"
 
 
 def _records() -> Iterator[str]:
