@@ -186,6 +186,11 @@ class Recorder:
 
 _LARGEST_RECORD = 2**27
 """Largest number of bytes of a record of a bag, and of a chunk when it is unpacked; flights have some hundred."""
+_MOST_RECORDS = 2**24
+"""Records of a bag: twelve hours of a hundred states a second have 9 million. Packed, empty ones take no space, but
+each takes a microsecond."""
+_HEAD = struct.Struct("<BQ")
+"""Opcode and length before the content of a record."""
 
 
 def bag_entries(file: Path) -> Iterator[BagMessage]:
@@ -196,7 +201,7 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
 
     Raises:
         MissingPackage: the package mcap is not installed.
-        ConfigError: the file is no bag, or damaged in its middle.
+        ConfigError: the file is no bag, damaged in its middle, or has more than `_MOST_RECORDS`.
     """
     require("mcap")
     from mcap.exceptions import EndOfFile
@@ -205,21 +210,29 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
 
     schemas: dict[int, Any] = {}
     channels: dict[int, Any] = {}
+    count = 0
     with open_regular(file) as stream:
         try:
             reader = StreamReader(
                 stream, emit_chunks=True, validate_crcs=True, record_size_limit=_LARGEST_RECORD
             )
             for outer in reader.records:
-                is_chunk = isinstance(outer, Chunk)
-                for record in breakup_chunk(_unpacked(outer), True) if is_chunk else [outer]:
+                records = [outer]
+                if isinstance(outer, Chunk):
+                    chunk = _unpacked(outer)
+                    count = _counted(chunk.data, count)
+                    records = breakup_chunk(chunk, True)
+                for record in records:
                     if isinstance(record, Schema):
                         schemas[record.id] = record
                     elif isinstance(record, Channel):
                         channels[record.id] = record
                     elif isinstance(record, Message):
                         channel = channels[record.channel_id]
-                        kind = schemas[channel.schema_id].name
+                        # The number 0 is that of no schema, as messages of JSON may have none.
+                        kind = schemas[channel.schema_id].name if channel.schema_id else ""
+                        if channel.message_encoding != "cdr":
+                            kind = f"{channel.message_encoding} {kind}".strip()
                         topic = channel.topic.removeprefix("/")
                         yield BagMessage(record.log_time, topic, kind, record.data)
         except Exception as error:  # a damaged bag may raise anything
@@ -227,6 +240,17 @@ def bag_entries(file: Path) -> Iterator[BagMessage]:
             if channels and isinstance(error, EndOfFile | struct.error):
                 return
             raise ConfigError(f"{file} is no MCAP bag, or damaged: {first_line(error)}.") from error
+
+
+def _counted(data: bytes, count: int) -> int:
+    """Number of the records of a bag with those of an unpacked chunk; `ValueError` beyond `_MOST_RECORDS`."""
+    at = 0
+    while at <= len(data) - _HEAD.size:
+        at += _HEAD.size + _HEAD.unpack_from(data, at)[1]
+        count += 1
+        if count > _MOST_RECORDS:
+            raise ValueError(f"it has more than {_MOST_RECORDS:,} records, the most that are read")
+    return count
 
 
 def _unpacked(chunk: Any) -> Any:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import ConfigError, Spacecraft, counted
+from rans.extend import ConfigError, Spacecraft, brief, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog
 from rans_robot.interfaces import Interface, RobotName
@@ -71,6 +71,7 @@ def read_bag(
     topics: dict[str, _Topic] = {}
     commands: dict[int, np.ndarray] = {}
     validator = Validator(craft.dimension == 2, np.inf)
+    counts: Counter[str] = Counter()
     refused: Counter[str] = Counter()
     reasons: dict[str, str] = {}
     """Why the first message of a topic was refused."""
@@ -87,24 +88,30 @@ def read_bag(
         if not entry.topic.startswith(prefix):
             continue
         topic = entry.topic.removeprefix(prefix)
+        kinds = ends.inputs | ends.outputs
+        if topic not in kinds:
+            continue
+        counts[topic] += 1
+        if counts[topic] > MOST_READINGS:
+            raise ConfigError(
+                f"the bag {source} has more than {MOST_READINGS:,} messages of {topic}, the most that are fitted: "
+                "cut it."
+            )
         try:
+            if entry.kind != kinds[topic]:
+                raise ValueError(f"its type is {brief(entry.kind)}, and {kinds[topic]} is read")
             if not 0 <= entry.time < _LATEST:
                 raise ValueError(f"its time is {entry.time:,} ns")
             if topic in ends.outputs:
                 command = ends.commanded(topic, entry.data)
                 if command is not None:
                     commands[entry.time] = command
-            elif topic in ends.inputs:
-                stamp, parts = _reading(ends, validator, topic, entry.data)
-                column = topics.setdefault(topic, _Topic())
-                column.arrived.append(entry.time)
-                column.stamps.append(stamp)
-                column.parts.append(parts)
-                if len(column.parts) > MOST_READINGS:
-                    raise ConfigError(
-                        f"the bag {source} has more than {MOST_READINGS:,} messages of {topic}, the most that are "
-                        "fitted: cut it."
-                    )
+                continue
+            stamp, parts = _reading(ends, validator, topic, entry.data)
+            column = topics.setdefault(topic, _Topic())
+            column.arrived.append(entry.time)
+            column.stamps.append(stamp)
+            column.parts.append(parts)
         except ValueError as error:  # a message that the robot's node would refuse too
             refused[topic] += 1
             reasons.setdefault(topic, f"; {topic}: {error}")

@@ -12,7 +12,7 @@ from rans_robot.bag import BagMessage
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface
 from rans_robot.logs import read_bag
-from rans_robot.messages import TEXT, text_message
+from rans_robot.messages import FLOATS, POSE, TEXT, TWIST, text_message
 from rans_robot.node import FLIGHT_TOPIC
 
 from rans import ConfigError
@@ -76,9 +76,13 @@ def recorded(
     arrival: Callable[[int, str], int] = lambda k, _: 10**9 + 200_000_000 * k,
     prefix: str = "",
     numbers: range | None = None,
+    labels: dict[str, tuple[str, str]] | None = None,
     **options: Any,
 ) -> Path:
-    """A bag of poses, twists and commands by the library's writer, in chunks with checksums, as rosbag2 writes."""
+    """A bag of poses, twists and commands by the library's writer, in chunks with checksums, as rosbag2 writes.
+
+    Labels are encodings and types of topics in place of the right ones. Beside them is a topic without a schema.
+    """
     from mcap.writer import Writer
     from rans_robot.messages import definition
 
@@ -87,15 +91,16 @@ def recorded(
         writer = Writer(stream, **options)
         writer.start(profile="ros2", library="test")
         channels: dict[str, int] = {}
+        writer.add_message(writer.register_channel("/diagnostics", "json", 0), 10**9, b"{}", 10**9)
         for k in numbers or range(count):
             command = (np.arange(8) == k % 8).astype(float).tolist()
             for message in (*ends.state(flown(k), stamp(k)), *ends.command(command, 0)):
                 if message.topic not in channels:
-                    schema = writer.register_schema(
-                        message.kind, "ros2msg", definition(message.kind).encode()
-                    )
+                    right = "cdr", message.kind
+                    encoding, kind = (labels or {}).get(message.topic, right)
+                    schema = writer.register_schema(kind, "ros2msg", definition(kind).encode())
                     topic = f"/{prefix}{message.topic}"
-                    channels[message.topic] = writer.register_channel(topic, "cdr", schema)
+                    channels[message.topic] = writer.register_channel(topic, encoding, schema)
                 at = arrival(k, message.topic)
                 writer.add_message(channels[message.topic], at, message.data, at)
         writer.finish()
@@ -150,9 +155,51 @@ def test_without_stamps_the_times_are_those_of_the_bag_and_that_is_said(tmp_path
     assert any("pose lacks time stamps" in note for note in log.notes)
 
 
+@pytest.mark.parametrize(
+    ("topic", "label"),
+    [
+        ("commands", ("cdr", "std_msgs/msg/Int32MultiArray")),
+        ("commands", ("json", FLOATS)),
+        ("pose", ("ros1", POSE)),
+        ("pose", ("cdr", TWIST)),
+    ],
+)
+def test_messages_of_another_type_than_their_topic_s_are_named(topic, label, tmp_path):
+    """Whole numbers were read as floats of 1e-45, and a heading in degrees was blamed."""
+    file = recorded(tmp_path / "flight.mcap", labels={topic: label})
+    named = label[1] if label[0] == "cdr" else f"{label[0]} {label[1]}"
+    if topic == "commands":
+        with pytest.raises(ConfigError, match=f"0 commands.*{named}"):
+            read_bag(file, PLATFORM)
+    else:
+        notes = read_bag(file, PLATFORM).notes
+        assert any("30 messages left out" in note and named in note for note in notes)
+
+
+def test_a_bag_has_a_largest_number_of_commands_and_of_records(tmp_path, monkeypatch):
+    """Each takes memory or time, and packed ones next to no space in a file."""
+    from mcap.records import Chunk
+
+    ends = Interface("pose", 8, 8)
+    bag = [BagMessage(1, *message) for message in ends.state(flown(0), 1)]
+    bag += [BagMessage(k, *ends.command([0.0] * 8, k)[0]) for k in range(1, 40)]
+    file = bag_of(tmp_path, bag)
+    monkeypatch.setattr("rans_robot.logs.MOST_READINGS", 30)
+    with pytest.raises(ConfigError, match="more than 30 messages of commands"):
+        read_bag(file, PLATFORM, "pose")
+    # Empty records of no known kind, which the library skips by itself.
+    monkeypatch.setattr("rans_robot.bag._MOST_RECORDS", 1000)
+    empty = Chunk("", bytes(9 * 2000), 0, 0, 0, 9 * 2000)
+    monkeypatch.setattr("mcap.stream_reader.StreamReader.records", [empty])
+    with pytest.raises(ConfigError, match="more than 1,000 records"):
+        read_bag(file, PLATFORM, "pose")
+
+
 def test_topics_below_a_namespace_are_named_and_read(tmp_path):
     file = recorded(tmp_path / "flight.mcap", prefix="lab/robot1/")
-    with pytest.raises(ConfigError, match=r"has lab/robot1/commands, .*--namespace lab/robot1"):
+    with pytest.raises(
+        ConfigError, match=r"has diagnostics, lab/robot1/commands, .*--namespace lab"
+    ):
         read_bag(file, PLATFORM)
     with pytest.raises(ConfigError, match="--namespace lab/robot1"):
         read_bag(file, PLATFORM, namespace="robot2")

@@ -31,8 +31,9 @@ from rans.extend import (
 )
 from rans_robot.identify.fit import CHANNELS, LEAST_NOISE, Fit, channel_columns
 
-_EXPLAINED = 0.9
-"""Noise of a channel as a part of what a coast leaves, up to which the model explains something of it."""
+_SYSTEMATIC = 0.2
+"""Part of what a coast leaves of a channel, up to which errors that the next reading repeats may be. Two swapped
+valves leave 0.3 at least, filters over three readings 0.1."""
 _PERFECT = 2.0 * LEAST_NOISE
 """Noise (SI) below which nothing is left to explain."""
 _LARGEST_ANGLE = 0.5
@@ -56,7 +57,7 @@ class Channel:
     bound: float
     """Correlation that white residuals exceed in one of a thousand logs at most."""
     is_explained: bool
-    """Whether the model predicts it better than a coast does, or leaves nothing but independent noise."""
+    """Whether the model leaves nothing but independent noise, or little of what a coast leaves."""
 
     @property
     def is_white(self) -> bool:
@@ -92,7 +93,7 @@ class Identification:
     fit: Fit
 
     def __post_init__(self) -> None:
-        """Refuse a fit whose residuals are no noise of a sensor."""
+        """Refuse a fit whose residuals are no noise of a sensor, or that needs a thruster without force."""
         wrong = [channel for channel in self.channels() if not channel.is_explained]
         if wrong:
             names = ", ".join(
@@ -102,7 +103,17 @@ class Identification:
             raise ConfigError(
                 f"the commands of the logs do not explain {names}: that is no noise of a sensor, and nothing is "
                 "identified. The usual cause is a column in other units, such as a heading in degrees, or in "
-                "another frame or order, a filter that lags, or another spacecraft."
+                "another frame or order, two thrusters exchanged, a filter that lags, or another spacecraft."
+            )
+        floored = [
+            row.name
+            for row, parameter in zip(self.rows(), self.fit.parameters, strict=True)
+            if row.is_identifiable and 0.0 < row.value <= 1.01 * parameter.least
+        ]
+        if floored:
+            raise ConfigError(
+                f"the logs are explained best without {' and '.join(floored)}: nothing is identified. The usual "
+                "cause is a valve that did not open, or commands of two thrusters in one another's columns."
             )
 
     @property
@@ -241,8 +252,10 @@ class Identification:
             )
             correlation, bound = self.fit.correlation(name)
             noise = self.fit.noise[name]
-            beats = noise < max(_EXPLAINED * self.fit.coasting.get(name, np.inf), _PERFECT)
-            explained = (beats or correlation <= bound) and not (
+            # The correlation of residuals is the part of their power that the next reading repeats.
+            repeated = noise * np.sqrt(max(correlation, 0.0))
+            is_small = repeated < max(_SYSTEMATIC * self.fit.coasting.get(name, np.inf), _PERFECT)
+            explained = (is_small or correlation <= bound) and not (
                 name == "attitude" and noise > _LARGEST_ANGLE
             )
             result.append(Channel(name, before, after, correlation, bound, explained))

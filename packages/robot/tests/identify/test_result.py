@@ -158,6 +158,20 @@ def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_writ
             rans.identify(file, PLATFORM)
 
 
+@pytest.mark.parametrize("exchanged", [(0, 6), (3, 7), (1, 2)])
+def test_two_exchanged_thrusters_are_no_fit(exchanged, flight, found):
+    """Wires or columns: part of the motion is still explained, and forces were up to 80 deviations off."""
+    order = np.arange(8)
+    order[list(exchanged)] = exchanged[::-1]
+    with pytest.raises(ConfigError, match=r"do not explain .*two thrusters exchanged"):
+        rans.identify(replace(flight, commands=flight.commands[:, order]), PLATFORM)
+    # Nor is one that never pushed, though the rest may be explained.
+    values = found.fit.values.copy()
+    values[2] = found.fit.parameters[2].least
+    with pytest.raises(ConfigError, match="best without force of thruster 2"):
+        Identification(replace(found.fit, values=values))
+
+
 def test_commands_that_were_applied_before_they_are_named(flight, found):
     """A column that says what was just applied: forces were 5 to 11 % too small, and training was advised."""
     assert found.fit.values[0] == pytest.approx(PLATFORM.thrusters[0].force, rel=0.5)
