@@ -12,6 +12,7 @@ from rans.api.agent_data import AgentData
 from rans.api.names import conditions_if_named, load_spacecraft, load_task
 from rans.base.abilities import PUBLIC
 from rans.base.errors import ConfigError, brief
+from rans.base.inputs import episode_starts, observation_array
 from rans.base.pretrained import FOR_ANY_CRAFT
 from rans.base.settled import settled, settled_alone
 from rans.episode.scenario import EVALUATION_SEED
@@ -83,7 +84,7 @@ class Agent(AgentData):
         self,
         observation: Any,
         state: Any = None,
-        episode_start: np.ndarray | None = None,
+        episode_start: Any = None,
         deterministic: bool = True,
     ) -> tuple[np.ndarray, Any]:
         """The action for an observation and the memory after it, as Stable-Baselines3's ``predict``.
@@ -91,12 +92,12 @@ class Agent(AgentData):
         Args:
             observation: (width,) or (N, width), of NumPy or torch.
             state: memory that the step before gave; None where all episodes begin.
-            episode_start: (N,) bool, where an episode begins; None: nowhere.
+            episode_start: (N,) truth values, or zeros and ones, where an episode begins; None: nowhere.
             deterministic: whether to take the most probable action instead of a sample.
 
         Raises:
-            ConfigError: the observation has another width, or this is a controller that decides from the
-                state, which an observation does not have.
+            ConfigError: one of these is of another width, number or kind, or this is a controller that decides from
+                the state, which an observation does not have.
         """
         from rans.effectors.commands import action_space, of_outputs
         from rans.evaluation.fly.agent import Agent as Network
@@ -104,21 +105,12 @@ class Agent(AgentData):
         from rans.policy.predict import predict
 
         controller = self.run.controller
-        # A tensor or an array, in float32 as the network was trained.
-        if hasattr(observation, "detach"):
-            observation = observation.detach().cpu().numpy()
-        try:
-            observation = np.asarray(observation, dtype=np.float32)
-        except (TypeError, ValueError) as error:
-            raise ConfigError(
-                f"an observation is an array of numbers, (width,) or (N, width), got {brief(observation)}."
-            ) from error
+        observation = observation_array(observation)
+        starts = episode_starts(episode_start, observation.size // observation.shape[-1])
         dtype = action_space(self.craft).dtype
         # A network of RANS, then policies of other libraries and exported agents; all may have a memory.
         if isinstance(controller, Network):
-            output, memory = predict(
-                controller.network, observation, state, episode_start, deterministic
-            )
+            output, memory = predict(controller.network, observation, state, starts, deterministic)
             commands = np.stack(
                 [np.asarray(x) for x in of_outputs(self.craft, tuple(np.moveaxis(output, -1, 0)))],
                 axis=-1,
@@ -130,7 +122,6 @@ class Agent(AgentData):
                 "rans.Pilot(agent, env) flies it in a Gymnasium loop."
             )
         rows = observation.reshape(-1, observation.shape[-1])
-        starts = None if episode_start is None else np.reshape(episode_start, -1)
         commands, memory = controller.decide(rows, state, starts)
         return commands.reshape(*observation.shape[:-1], -1).astype(dtype), memory
 

@@ -16,7 +16,7 @@ import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import is_dataclass
 from importlib import metadata
-from numbers import Integral
+from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
@@ -181,7 +181,7 @@ def whole(what: str, value: object, least: int = 1, bits: int = 31) -> int:
     """
     if (
         isinstance(value, bool)
-        or not (isinstance(value, Integral) or (isinstance(value, float) and value.is_integer()))
+        or not (isinstance(value, Integral) or (is_finite(value) and float(value).is_integer()))
         or not least <= int(value) < 2**bits
     ):
         raise ConfigError(
@@ -190,9 +190,12 @@ def whole(what: str, value: object, least: int = 1, bits: int = 31) -> int:
     return int(value)
 
 
-def is_finite(value: object) -> bool:
-    """Whether a value is a finite real number; booleans are not, nor whole numbers too large for a float."""
-    if not isinstance(value, int | float) or isinstance(value, bool):
+def is_finite(value: Any) -> bool:
+    """Whether a value is a finite real number, also of NumPy.
+
+    Booleans are not, nor whole numbers too large for a float.
+    """
+    if not isinstance(value, Real) or isinstance(value, bool):
         return False
     try:
         return math.isfinite(value)
@@ -200,10 +203,18 @@ def is_finite(value: object) -> bool:
         return False
 
 
-def positive(what: str, value: Any) -> None:
-    """Reject (`ConfigError`) a value that is no finite number above 0."""
+def finite(what: str, value: Any) -> float:
+    """The value as a float; `ConfigError` if it is no finite number."""
+    if not is_finite(value):
+        raise ConfigError(f"{what} must be a finite number, got {brief(value)}.")
+    return float(value)
+
+
+def positive(what: str, value: Any) -> float:
+    """The value as a float; `ConfigError` if it is no finite number above 0."""
     if not (is_finite(value) and value > 0):
         raise ConfigError(f"{what} must be a finite number above 0, got {brief(value)}.")
+    return float(value)
 
 
 def fits(value: object, condition: Callable[[Any], bool]) -> bool:

@@ -152,9 +152,6 @@ def _run(arguments: list[str]) -> int:
         trust_files()
     if getattr(command, "guard", False):  # the safety filter knows them
         warnings.filterwarnings("ignore", ".* does not know the constraints of")
-    seed = getattr(command, "seed", None)
-    if isinstance(seed, int) and seed < 0:
-        raise ConfigError(f"--seed must be a whole number >= 0, got {seed}.")
     try:
         if executor is None:
             return _followed(command)

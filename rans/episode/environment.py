@@ -16,7 +16,8 @@ from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 
-from rans.base.errors import ConfigError, NamedArguments, brief, checked
+from rans.base.errors import ConfigError, NamedArguments, brief, checked, whole
+from rans.base.inputs import array
 from rans.base.registry import typed
 from rans.base.settled import settled
 from rans.effectors.commands import action_space, check_commands, clipped
@@ -43,8 +44,8 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Observation: (10,) in the plane or (22,) in space, or more, float32; see `rans.tasks.observation_columns`.
     Action: (commands,), in the order of `rans.model.spacecraft.Spacecraft.commands`; usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name, and "margins" if the task has constraints. At the end of an
-    episode also "is_success": whether the mission succeeded, or the last state was within the tolerances.
+    ``info``: "reward_terms" and "errors" by name, "margins" if the task has constraints, and "is_success": whether
+    the mission has succeeded, or the state is within the tolerances.
 
     Args:
         task_name: name in `rans.tasks.TASKS`, or MODULE:NAME.
@@ -119,7 +120,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         Raises:
             ConfigError: the options have another key or value.
         """
-        seed = int(seed) if isinstance(seed, np.integer) else seed
+        seed = None if seed is None else whole("the seed", seed, 0, 64)
         super().reset(seed=seed)
         if seed is None and self._seed is not None:
             self._episode += 1
@@ -147,7 +148,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
             gymnasium.error.ResetNeeded: `reset` has not been called.
         """
         before = self._running()
-        values = _numbers(action)
+        values = array("actions", action)
         check_commands(self.craft, values)
         values = clipped(self.craft, values.astype(float))
         self._trail.append(before.state.p.columns())
@@ -161,13 +162,13 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
         info: dict[str, Any] = {
             "reward_terms": {name: float(np.squeeze(term)) for name, term in terms.items()},
             "errors": self._errors(),
+            # In every step, as a wrapper may end the episode in any.
+            "is_success": bool(outcome.reached),
         }
         if outcome.margins:
             info["margins"] = {
                 name: float(np.squeeze(margin)) for name, margin in outcome.margins.items()
             }
-        if terminated or truncated:
-            info["is_success"] = bool(outcome.success)
         return self._observe(), float(np.squeeze(reward)), terminated, truncated, info
 
     @abstractmethod
@@ -216,52 +217,6 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
     def _errors(self) -> dict[str, float]:
         now = self._running()
         return {name: float(x) for name, x in self.task.errors(now.state, now.goal).items()}
-
-
-def dense(value: Any) -> Any:
-    """A torch tensor detached from its graph, without lazy conjugation; other values are returned as is.
-
-    Raises:
-        ConfigError: the tensor is sparse, nested, quantized or on the meta device.
-    """
-    if not hasattr(value, "detach"):
-        return value
-    kinds = {
-        "nested": value.is_nested,
-        "quantized": value.is_quantized,
-        "meta": value.is_meta,
-        str(value.layout): str(value.layout) != "torch.strided",
-    }
-    if odd := [kind for kind, true in kinds.items() if true]:
-        raise ConfigError(
-            f"actions and masks of torch must be ordinary tensors, got a {odd[0]} one; "
-            "to_dense() converts most others."
-        )
-    return value.detach().resolve_conj().resolve_neg()
-
-
-def action_array(actions: Any) -> np.ndarray:
-    """Array of actions that are not a tensor, in a dtype that torch supports too.
-
-    Raises:
-        ConfigError: rows have different lengths.
-    """
-    try:
-        values = np.asarray(actions)
-    except ValueError as error:
-        raise ConfigError(
-            f"actions must be numbers in rows of one length, got {brief(actions)}."
-        ) from error
-    wide = values.dtype.kind == "f" and values.dtype.itemsize > 8
-    return values.astype(np.float64 if wide else values.dtype.newbyteorder("="), copy=False)
-
-
-def _numbers(action: Any) -> np.ndarray:
-    """NumPy array of actions of NumPy or torch."""
-    values = dense(action)
-    if values is action:
-        return action_array(action)
-    return values.cpu().numpy() if values.is_complex() else values.cpu().double().numpy()
 
 
 def _plain(episode: Episode) -> Episode:

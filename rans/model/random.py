@@ -7,12 +7,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from numbers import Integral
 from typing import Any, Literal
 
 import numpy as np
 
-from rans.base.errors import ConfigError, brief
+from rans.base.errors import whole
 from rans.base.structure import Range
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import (
@@ -33,13 +32,12 @@ from rans.model.fields import (
 
 
 def seed_words(seed: int) -> tuple[int, int]:
-    """A 64-bit seed, signed or not, as two signed 32-bit words (low, high).
+    """A 64-bit seed as two signed 32-bit words (low, high).
 
     Raises:
-        ConfigError: the seed is not a whole number, or has more than 64 bits.
+        ConfigError: the seed is not a whole number, is negative, or has more than 64 bits.
     """
-    if not isinstance(seed, Integral) or not -(2**63) <= seed < 2**64:
-        raise ConfigError(f"the seed must be a whole number of at most 64 bits, got {brief(seed)}.")
+    seed = whole("the seed", seed, 0, 64)
     low, high = (
         np.array([seed & 0xFFFFFFFF, (seed >> 32) & 0xFFFFFFFF], np.uint32).view(np.int32).tolist()
     )
@@ -48,8 +46,7 @@ def seed_words(seed: int) -> tuple[int, int]:
 
 def generator(seed: int) -> np.random.Generator:
     """NumPy random generator for any seed that `seed_words` accepts."""
-    seed_words(seed)
-    return np.random.default_rng(seed % 2**64)
+    return np.random.default_rng(whole("the seed", seed, 0, 64))
 
 
 def hash4(a: Field, b: Field, c: Field, d: Field) -> tuple[Field, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from rans.base.errors import ConfigError, brief, positive
+from rans.base.errors import ConfigError, positive, whole
 from rans.model.fields import Field
 
 _SHORTEST = 1e-6
@@ -43,8 +43,8 @@ class Timing:
     success and memory of a task are evaluated (`rans.tasks.base.Task`)."""
 
     def __post_init__(self) -> None:
-        period = self.control_period
-        positive("control_period", period)
+        period = positive("control_period", self.control_period)
+        object.__setattr__(self, "control_period", period)
         if not _SHORTEST <= period <= _LONGEST:
             raise ConfigError(
                 f"control_period must be from {_SHORTEST:g} to {_LONGEST:g} s, got {period:g} s; the usual cause "
@@ -56,10 +56,9 @@ class Timing:
             value = getattr(self, key)
             if value is None and key == "substeps":
                 continue
-            if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-                raise ConfigError(f"{key} must be a whole number >= 1, got {brief(value)}.")
-            if value > largest:
-                raise ConfigError(f"{key} must be <= {largest:,}, got {value:,}.")
+            if (count := whole(key, value)) > largest:
+                raise ConfigError(f"{key} must be <= {largest:,}, got {count:,}.")
+            object.__setattr__(self, key, count)
 
     def step(self, clock: Field) -> Field:
         """Control periods since the episode's start: the low bits of a clock (`rans.episode.step.Episode`)."""

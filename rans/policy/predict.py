@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import torch
 
+from rans.base.errors import ConfigError
+from rans.base.inputs import array
 from rans.policy.network import Network
 
 
@@ -22,11 +24,11 @@ def predict(
         network: of the agent.
         observation: (N, width) or (width,).
         state: memory ((N, m),) after the previous step; None: all episodes begin.
-        episode_start: (N,) bool, true where an episode begins.
+        episode_start: (N,) bool, true where an episode begins; None: nowhere.
         deterministic: whether the action is the mode of the policy rather than a sample.
 
     Raises:
-        ConfigError: the width of the observations differs from that in training.
+        ConfigError: the width of the observations differs from that in training, or the memory is of another shape.
     """
     architecture = network.architecture
     architecture.check_width("the policy", observation)
@@ -37,9 +39,16 @@ def predict(
     # Memory: continued, and cleared where an episode starts.
     memory = network.initial_state(len(rows))
     if memory is not None and state is not None:
-        memory = torch.as_tensor(state[0]).to(memory)
+        shape = tuple(memory.shape)
+        given = array("the memory", state[0] if isinstance(state, tuple | list) else state)
+        if given.shape != shape or given.dtype.kind != "f":
+            raise ConfigError(
+                f"the memory must be what the step before gave, numbers of shape {shape}, got"
+                f" {given.shape} of {given.dtype}."
+            )
+        memory = torch.as_tensor(given).to(memory)
         if episode_start is not None:
-            memory = memory * ~torch.as_tensor(episode_start, device=memory.device)[:, None]
+            memory = memory.where(~torch.as_tensor(episode_start).to(memory.device)[:, None], 0.0)
     # Command, and the memory that it leaves.
     output, columns = network.forward(rows, memory)
     command = output.policy.mode()

@@ -21,7 +21,7 @@ from rans.model.fields import leaves
 from rans.model.random import Random, hash4, seed_words
 from rans.model.spacecraft_file import load_spacecraft
 
-SEEDS = [0, 1, -1, 42, 2**31, 2**32, 2**63 - 1, -(2**63), 2**64 - 1, 0x0123456789ABCDEF]
+SEEDS = [0, 1, 42, 2**31, 2**32, 2**63 - 1, 2**63, 2**64 - 1, 0x0123456789ABCDEF]
 
 words = st.integers(0, 2**32 - 1)
 
@@ -84,9 +84,7 @@ def test_a_scenario_is_the_same_alone_in_a_batch_and_in_torch(seed):
         (2**32 + 5, 5, 1),
         (2**31, -(2**31), 0),
         (2**63, 0, -(2**31)),
-        (-1, -1, -1),
         (2**64 - 1, -1, -1),
-        (-(2**63), 0, -(2**31)),
         (7 * 2**32 - 1, -1, 6),
     ],
 )

@@ -19,7 +19,7 @@ import inspect
 import pickle
 import re
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 
 from rans import RansWarning
+from rans.base.inputs import array
 from rans.effectors.commands import allowed
 from rans.extend import (
     ConfigError,
@@ -168,24 +169,22 @@ def _check_module(who: str, module: Any) -> None:
 def _called(function: Callable[[Any], Any], observation: np.ndarray) -> Any:
     """Commands of a torch module, on its own device, or of a function, for observations (N, width).
 
-    Its result is checked by `UserPolicy`, not here.
+    A module gets the precision of its weights. The result is checked by `UserPolicy`, not here.
     """
     import torch
 
     if isinstance(function, torch.nn.Module):
-        first = next(function.parameters(), torch.zeros(0))
+        floats = (x for x in function.parameters() if x.is_floating_point())
         with torch.no_grad():
-            result: Any = function(torch.as_tensor(observation, device=first.device))
-        if isinstance(result, torch.Tensor):
-            result = result.cpu().numpy()
+            result: Any = function(torch.as_tensor(observation).to(next(floats, torch.zeros(0))))
     else:
         result = function(observation)
-    if isinstance(result, tuple):
+    if not isinstance(result, list) and not hasattr(result, "__array__"):
         raise ConfigError(
-            f"a policy that is called answers with commands alone, got {len(result)} values: one with a memory has "
-            "predict(observation, state, episode_start, deterministic), as in Stable-Baselines3."
+            f"a policy that is called answers with commands alone, an array (N, commands), got a "
+            f"{type(result).__name__}: one with a memory takes and gives it in predict, as in Stable-Baselines3."
         )
-    return result
+    return array("commands", result)
 
 
 # Stable-Baselines3
@@ -207,8 +206,20 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
         spaces = data["observation_space"], data["action_space"]
         # State-dependent exploration is the algorithm's own setting, and changes the layers of its policy.
         options = {"use_sde": True} if data.get("use_sde") else {}
-        policy = data["policy_class"](*spaces, lambda _: 0.0, **options | data["policy_kwargs"])
-        policy.load_state_dict(parameters["policy"])
+        kind = data["policy_class"]
+        if (
+            "lr_schedule" in inspect.signature(kind).parameters
+        ):  # no policy without a gradient has one
+            options["lr_schedule"] = lambda _: 0.0
+        policy = kind(*spaces, **options | data["policy_kwargs"])
+        # torch.compile writes this before the names of what it wraps.
+        weights = {name.replace("_orig_mod.", ""): x for name, x in parameters["policy"].items()}
+        policy.load_state_dict(weights)
+    except ModuleNotFoundError as error:
+        raise ConfigError(
+            f"{name} needs the package {error.name}, with which it was saved, and which is not here: install it, "
+            "or load and save the policy where it is."
+        ) from error
     except Exception as error:  # a damaged pickle raises anything
         reason = first_line(error).partition(". ")[
             0
@@ -347,25 +358,21 @@ def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
 
 _NUMBERS = {"tensor(double)": np.float64, "tensor(float16)": np.float16}
 """Kinds of numbers that a network takes, by ONNX Runtime's names; others take float32."""
-_ALONE = 16
-"""Observations of the first batch of a network that are asked for alone."""
 
 
 class OnnxPolicy:
     """Policy of a session of ONNX Runtime.
 
-    A network that was exported for a batch of one is run for one observation after the other. Of the first batch
-    it is asked twice, and once for single observations.
+    A network that was exported for a batch of one is run for one observation after the other.
 
     Raises:
-        ConfigError: its states are not given as they are taken, a layer keeps a state that it does not give, or its
-            answers differ then.
+        ConfigError: its states are not given as they are taken, a layer keeps a state that it does not give, or an
+            operation may take any time.
     """
 
     def __init__(self, session: Any, file: str = "the network") -> None:
         self._session = session
         self._file = file
-        self._is_checked = False
         inputs: list[Any] = session.get_inputs()
         first, states = inputs[0], inputs[1:]
         command, *givens = session.get_outputs()[: len(inputs)]
@@ -377,8 +384,7 @@ class OnnxPolicy:
             taken.name: self._width(taken, given) for taken, given in zip_longest(states, givens)
         }
         """Numbers of each state, by the name of its input."""
-        if not states:
-            self._check_layers()
+        self._check_layers(bool(states))
 
     def _width(self, taken: Any, given: Any) -> int:
         """Numbers of a state, which is given as it is taken; one row at a time sets `_is_single`."""
@@ -394,15 +400,21 @@ class OnnxPolicy:
         self._is_single |= rows == 1
         return width
 
-    def _check_layers(self) -> None:
-        """Refuse (`ConfigError`) a network without states that has a recurrent layer."""
+    def _check_layers(self, has_states: bool) -> None:
+        """Refuse (`ConfigError`) a network with a loop, or without states and with a recurrent layer."""
         if not is_installed("onnx") or not Path(self._file).is_file():
             return
         import onnx
 
         content = read_bytes(Path(self._file), _LARGEST_NETWORK)
-        nodes = onnx.load_model_from_string(content).graph.node
-        if kinds := sorted({node.op_type for node in nodes if node.op_type in _RECURRENT}):
+        model = onnx.load_model_from_string(content)
+        kinds = {node.op_type for node in _nodes([model.graph, *model.functions])}
+        if loops := sorted(kinds.intersection(("Loop", "Scan"))):
+            raise ConfigError(
+                f"{self._file} has a {loops[0]}, which may take any time, and a craft waits for no command: export "
+                "it without loops."
+            )
+        if not has_states and (kinds := sorted(kinds.intersection(_RECURRENT))):
             raise ConfigError(
                 f"{self._file} has a memory ({', '.join(kinds)}) that it neither takes nor gives, so that it would "
                 "begin anew in every control period: export its states as inputs after the observation and as "
@@ -410,10 +422,7 @@ class OnnxPolicy:
             )
 
     def __call__(self, observation: np.ndarray, memory: Any, starts: np.ndarray) -> Decision:
-        """Commands (N, commands) for observations (N, width), and the states after them.
-
-        The first call with several rows checks that rows do not depend on one another, and remembers that it has.
-        """
+        """Commands (N, commands) for observations (N, width), and the states after them."""
         count = len(observation)
         states = [np.zeros((count, width), np.float32) for width in self._widths.values()]
         if memory is not None:
@@ -422,33 +431,7 @@ class OnnxPolicy:
                 for zeros, state in zip(states, memory, strict=True)
             ]
         command, *after = self._run(observation, states)
-        if not self._is_checked and count > 1:
-            self._check(observation, states, command)
-            self._is_checked = True
         return command, tuple(after) if states else None
-
-    def _check(
-        self, observation: np.ndarray, states: list[np.ndarray], command: np.ndarray
-    ) -> None:
-        """Reject (`ConfigError`) a network that answers another command a second time, or to one row alone."""
-        again = self._run(observation, states)[0]
-        if not np.array_equal(again, command, equal_nan=True):
-            raise ConfigError(
-                f"{self._file} answers the same observations differently a second time: the usual cause is a "
-                "dropout, or an action that is sampled. Export the deterministic policy, in evaluation mode."
-            )
-        rows = range(min(_ALONE, len(command)))
-        alone = [self._of_row(observation, states, k)[0][0] for k in rows]
-        # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
-        off = [
-            not np.allclose(action, command[k], rtol=1e-3, atol=1e-3, equal_nan=True)
-            for k, action in enumerate(alone)
-        ]
-        if sum(off) > 1:
-            raise ConfigError(
-                f"{self._file} answers an observation alone otherwise than among {len(command)}: its flights would "
-                "mix. The usual cause is a batch normalization that was exported in training mode."
-            )
 
     def _of_row(
         self, observation: np.ndarray, states: list[np.ndarray], row: int
@@ -461,7 +444,13 @@ class OnnxPolicy:
         named = dict(zip(self._widths, states, strict=True))
         named[self._observation] = observation
         taken = {name: x.astype(self._types[name], copy=False) for name, x in named.items()}
-        return self._session.run(self._asked_for, taken)
+        try:
+            return self._session.run(self._asked_for, taken)
+        except (
+            Exception
+        ) as error:  # onnxruntime's errors have no common class, and name lines of its own source
+            reason = re.sub(r"/\S*onnxruntime\S* ", "", " ".join(str(error).split())).rstrip(".")
+            raise ConfigError(f"{self._file} cannot be computed: {reason[:400]}.") from error
 
     def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
         """Commands (N, n) in the order of the observations (N, width), and the states after them.
@@ -474,6 +463,14 @@ class OnnxPolicy:
         return [
             np.concatenate([np.atleast_1d(x) for x in column]) for column in zip(*rows, strict=True)
         ]
+
+
+def _nodes(graphs: Iterable[Any]) -> Iterator[Any]:
+    """Nodes of graphs of ONNX, and of those within them."""
+    for graph in graphs:
+        for node in graph.node:
+            yield node
+            yield from _nodes(x.g for x in node.attribute if x.HasField("g"))
 
 
 _LARGEST_STATE = 2**16

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rans import RansWarning
-from rans.base.errors import one_line
+from rans.base.errors import finite, one_line
 from rans.extend import (
     ClohessyWiltshire,
     ConfigError,
@@ -28,6 +28,7 @@ from rans.extend import (
     checked,
     counted,
     read_text,
+    whole,
     write_text,
 )
 from rans_missions.orbits.earth import EARTH
@@ -38,6 +39,15 @@ _ECCENTRICITY = 0.01
 """Eccentricity above which an orbit does not count as circular: Clohessy-Wiltshire's equations are then as wrong as
 at a distance of a hundredth of the radius."""
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
+_LEAPS = [
+    (int(year), 7 if half == "j" else 1)
+    for year, half in re.findall(
+        r"(\d+)(j|)",
+        "1972j 1973 1974 1975 1976 1977 1978 1979 1980 1981j 1982j 1983j 1985j 1988 1990 1991 1992j 1993j 1994j "
+        "1996 1997j 1999 2006 2009 2012j 2015j 2017",
+    )
+]
+"""Years and months before whose first day UTC had a leap second, up to 2026: j is July (IERS, Bulletin C)."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +70,7 @@ def write_ccsds(
     flight: Flight,
     folder: str | Path,
     episode: int = 0,
-    epoch: str = "2026-01-01T00:00:00",
+    epoch: str | datetime = "2026-01-01T00:00:00",
     inclination: float = 0.0,
     node: float = 0.0,
     latitude: float = 0.0,
@@ -81,14 +91,14 @@ def write_ccsds(
         flight: flights of a mission on an orbit, in space.
         folder: folder of the files.
         episode: number of the episode.
-        epoch: instant of the start, UTC, as ISO 8601 writes it.
+        epoch: instant of the start, UTC, as ISO 8601 writes it, or a `datetime`, of UTC without a time zone.
         inclination: of the orbit, degrees.
         node: right ascension of its ascending node, degrees.
         latitude: argument of latitude of the target at the start, degrees.
 
     Raises:
-        ConfigError: the flight is of another kind, there is no such episode, the epoch is none, or the files cannot
-            be written.
+        ConfigError: the flight is of another kind or has a leap second, there is no such episode, the epoch is
+            none, an angle is no finite number, or the files cannot be written.
     """
     checked("flight", flight, Flight)
     drift = flight.task.drift
@@ -98,23 +108,38 @@ def write_ccsds(
             f"{type(flight.task).__name__} is not one."
         )
     count = flight.commands.shape[1]
-    if not 0 <= episode < count:
+    orientation = [
+        finite(f"{name}, degrees,", angle)
+        for name, angle in (("node", node), ("inclination", inclination), ("latitude", latitude))
+    ]
+    if (episode := whole("episode", episode, 0)) >= count:
         raise ConfigError(f"the flight has episodes 0 to {count - 1}, got {episode}.")
     # States up to the end of the episode, in the Hill frame.
     start = _instant(epoch, "epoch")
     steps = len(flight.commands) if flight.lengths is None else int(flight.lengths[episode])
     times = flight.times[: steps + 1]
+    try:
+        instants = [start + timedelta(seconds=float(t)) for t in times]
+    except OverflowError:
+        raise ConfigError(
+            f"the flight begins at the epoch {start:%Y-%m-%d} and ends after the year 9999, the last one."
+        ) from None
+    for year, month in _LEAPS:
+        if instants[0] < datetime(year, month, 1, tzinfo=UTC) <= instants[-1]:
+            raise ConfigError(
+                f"UTC has a leap second before {year}-{month:02}-01, which instants of CCSDS count and this flight "
+                "does not: choose another epoch."
+            )
     columns = [*flight.states.p.columns(), *flight.states.v.columns()]
     states = np.stack([x[: steps + 1, episode] for x in columns], axis=1)
     if not np.isfinite(states).all():
         raise ConfigError(
             f"episode {episode} has a state that is not finite: it was lost in flight."
         )
-    instants = [_text(start + timedelta(seconds=float(t))) for t in times]
     target = np.zeros((len(times), 3))
     # Axes of the Hill frame in the inertial one, its rate and its centre.
     n = drift.mean_motion
-    angles = np.broadcast_to(np.radians([node, inclination, latitude]), (len(times), 3)).copy()
+    angles = np.broadcast_to(np.radians(orientation), (len(times), 3)).copy()
     angles[:, 2] += n * times
     axes = Rotation.from_euler("ZXZ", angles)
     rate = np.array([0.0, 0.0, n])
@@ -129,7 +154,7 @@ def write_ccsds(
         p = axes.apply(motion[0] + centre)
         v = axes.apply(motion[1] + np.cross(rate, motion[0] + centre))
         rows = [
-            f"{instant} {' '.join(f'{x:.9f}' for x in 1e-3 * a)} {' '.join(f'{x:.12f}' for x in 1e-3 * b)}"
+            f"{_text(instant)} {' '.join(f'{x:.9f}' for x in 1e-3 * a)} {' '.join(f'{x:.12f}' for x in 1e-3 * b)}"
             for instant, a, b in zip(instants, p, v, strict=True)
         ]
         lines = [  # of printable ASCII (CCSDS 502.0-B-3, section 7.4)
@@ -143,8 +168,8 @@ def write_ccsds(
             "CENTER_NAME = EARTH",
             f"REF_FRAME = {FRAME}",
             "TIME_SYSTEM = UTC",
-            f"START_TIME = {instants[0]}",
-            f"STOP_TIME = {instants[-1]}",
+            f"START_TIME = {_text(instants[0])}",
+            f"STOP_TIME = {_text(instants[-1])}",
             "META_STOP",
             "",
             *rows,
@@ -339,8 +364,8 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
         Mean motion n of the target, rad/s, and position, m, and velocity, m/s, of the craft in the Hill frame.
 
     Raises:
-        ConfigError: both have different instants or frames, a frame is not known to be inertial, or the orbit's
-            eccentricity exceeds 0.01.
+        ConfigError: both have different instants or frames, a frame is not known to be inertial, the orbit's
+            eccentricity exceeds 0.01, or the craft is farther away than 0.01 of its radius.
     """
     for name, state in (("target", target), ("craft", craft)):
         checked(name, state, OrbitState)
@@ -363,16 +388,25 @@ def relative_state(target: OrbitState, craft: OrbitState) -> tuple[float, np.nda
     axes = np.stack([r / radius, np.cross(across, r / radius), across])
     rate = momentum / radius**2
     offset = craft.p - r
+    if not (distance := float(np.linalg.norm(offset))) <= _ECCENTRICITY * radius:
+        raise ConfigError(
+            f"the craft must be within {1e-3 * _ECCENTRICITY * radius:.4g} km of its target, a hundredth of the "
+            f"radius, got {1e-3 * distance:.6g} km: missions fly by equations that are linear about the target."
+        )
     semi_major = 1.0 / (2.0 / radius - v @ v / EARTH)
     n = math.sqrt(EARTH / semi_major**3)
     return n, axes @ offset, axes @ (craft.v - v - np.cross(rate, offset))
 
 
-def _instant(text: str, what: str) -> datetime:
+def _instant(given: object, what: str) -> datetime:
     """An instant of UTC to the microsecond, with the month and day or the day of the year.
 
-    Leap seconds, which `datetime` has not, are refused. Source: CCSDS 301.0-B-4, codes A and B.
+    A `datetime` without a time zone is of UTC. Leap seconds, which it has not, are refused. Source: CCSDS
+    301.0-B-4, codes A and B.
     """
+    if isinstance(given, datetime):
+        return given.astimezone(UTC) if given.tzinfo else given.replace(tzinfo=UTC)
+    text = given if isinstance(given, str) else ""
     whole, _, decimals = text.strip().removesuffix("Z").partition(".")
     for date in ("%Y-%m-%d", "%Y-%j"):
         for time in ("T%H:%M:%S", "T%H:%M"):
@@ -382,7 +416,7 @@ def _instant(text: str, what: str) -> datetime:
                 continue
             if whole.startswith(str(instant.year)) and re.fullmatch("[0-9]*", decimals):
                 return instant.replace(microsecond=int(f"{decimals:0<6}"[:6]))
-    raise ConfigError(f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(text)}.")
+    raise ConfigError(f"{what} must be an instant such as 2026-01-01T00:00:00, got {brief(given)}.")
 
 
 def _text(instant: datetime) -> str:

@@ -15,6 +15,7 @@ from rans.effectors.commands import check_commands, clipped
 from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
+from rans.tasks.derived import observation_width
 
 ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any]]
 """Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
@@ -28,10 +29,15 @@ POLICIES: Registry[Callable[[Any, Spacecraft, Task, bool], ForeignPolicy]] = Reg
 file may run code. They refuse (`ConfigError`) what is no policy for these, or has a part that cannot be flown."""
 
 
+_ALONE = 16
+"""Observations of the first batch of a policy that are asked for alone."""
+
+
 class UserPolicy:
     """A policy of another library as a controller; its commands are checked before they are flown.
 
-    What the policy remembers is kept here from one control period to the next, and cleared by `reset`.
+    What the policy remembers is kept here from one control period to the next, and cleared by `reset`. Of the
+    first batch it is asked twice, and once for single observations: one that answers otherwise then is refused.
 
     Args:
         spec: text that `user_policy` opens.
@@ -52,6 +58,8 @@ class UserPolicy:
         self._task = task
         self._trust = trust
         self._memory: Any = None
+        self._tried = 0
+        """Rows of the largest batch that was asked for again, up to two."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Another process loads the policy anew, because not every policy can be pickled."""
@@ -76,9 +84,23 @@ class UserPolicy:
             memory: that after the step before; None: all episodes begin.
             episode_start: (N,) bool, where an episode begins; None: nowhere, unless all begin.
         """
+        width = observation_width(self._task, self._craft.dimension)
+        if observation.shape[1] != width:
+            raise ConfigError(
+                f"an observation of {type(self._task).__name__} has {width} numbers, got {observation.shape[1]}."
+            )
         starts = np.full(len(observation), memory is None)
         if episode_start is not None:
-            starts |= np.asarray(episode_start, dtype=bool)
+            starts |= episode_start
+        commands, after = self._asked(observation, memory, starts)
+        if memory is None and self._tried < min(2, len(observation)):
+            self._try_again(observation, starts, commands)
+            self._tried = min(2, len(observation))
+        return commands, after
+
+    def _asked(
+        self, observation: np.ndarray, memory: Any, starts: np.ndarray
+    ) -> tuple[np.ndarray, Any]:
         after = None
 
         def ask() -> Any:
@@ -87,6 +109,26 @@ class UserPolicy:
             return commands
 
         return answered(self.name, ask, self._craft, len(observation)), after
+
+    def _try_again(self, observation: np.ndarray, starts: np.ndarray, commands: np.ndarray) -> None:
+        """Refuse (`ConfigError`) a policy that answers another command a second time, or to one row alone."""
+
+        def off(rows: slice) -> bool:
+            again = self._asked(observation[rows], None, starts[rows])[0]
+            return not np.allclose(again, commands[rows], rtol=1e-3, atol=1e-3)
+
+        if off(slice(None)):
+            raise ConfigError(
+                f"{self.name} answers the same observations differently a second time: the usual causes are a "
+                "dropout, an action that is sampled, and a state that it keeps itself. Give the deterministic "
+                "policy, in evaluation mode; one with a memory takes and gives it in predict."
+            )
+        # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
+        if sum(off(slice(k, k + 1)) for k in range(min(_ALONE, len(observation)))) > 1:
+            raise ConfigError(
+                f"{self.name} answers an observation alone otherwise than among {len(observation)}: its flights "
+                "would mix. The usual cause is a batch normalization in training mode."
+            )
 
 
 @contextmanager

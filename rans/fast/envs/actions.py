@@ -9,8 +9,8 @@ import torch
 from torch import Tensor
 
 from rans.base.errors import ConfigError
+from rans.base.inputs import array, dense
 from rans.effectors.commands import allowed, check_commands, command_bounds, limits
-from rans.episode.environment import action_array, dense
 from rans.fast.engine import Engine
 
 
@@ -42,7 +42,7 @@ class Actions:
         """
         action = dense(actions)
         if not isinstance(action, Tensor):
-            action = self._tensor(action_array(action))
+            action = self._tensor(array("actions", action))
         action = action.to(self._engine.device)
         if action.is_floating_point() and action.dtype not in (torch.float32, torch.float64):
             action = action.float()  # exact for half precision

@@ -26,7 +26,7 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.policy_text import is_user_policy
-from rans.evaluation.fly.user_policy import user_policy
+from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
 from tests.support.strangers import trapped_weights
@@ -229,7 +229,12 @@ def test_a_network_answers_each_observation_for_itself():
     """Asked twice and once alone: a batch mean and a random number show, a function of the row does not."""
     seen = np.random.default_rng(3).normal(size=(32, 10)).astype(np.float32)
     random = np.random.default_rng(4)
-    begun = np.ones(len(seen), bool)
+
+    def asked(answer: Any) -> np.ndarray:
+        network = OnnxPolicy(_Answers(answer))
+        return UserPolicy(
+            "onnx:it.onnx", network, load_spacecraft("floating-platform"), GoToPose()
+        ).decide(seen, None)[0]
 
     def by_row(rows):
         return (rows[:, :8] > 0.0).astype(np.float32)
@@ -240,10 +245,8 @@ def test_a_network_answers_each_observation_for_itself():
     def sampled(rows):
         return (random.random((len(rows), 8)) < 0.5).astype(np.float32)
 
-    np.testing.assert_array_equal(
-        OnnxPolicy(_Answers(by_row), "it.onnx")(seen, None, begun)[0], by_row(seen)
-    )
+    np.testing.assert_array_equal(asked(by_row), by_row(seen))
     with pytest.raises(ConfigError, match=r"it\.onnx answers an observation alone otherwise"):
-        OnnxPolicy(_Answers(mixed), "it.onnx")(seen, None, begun)
+        asked(mixed)
     with pytest.raises(ConfigError, match=r"it\.onnx answers the same observations differently"):
-        OnnxPolicy(_Answers(sampled), "it.onnx")(seen, None, begun)
+        asked(sampled)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 import rans
 from rans import ConfigError
-from rans.episode.environment import dense
+from rans.base.inputs import dense
 
 COUNT = 3
 ODD: dict[str, Callable[[Tensor], Tensor]] = {

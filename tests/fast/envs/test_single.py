@@ -64,6 +64,7 @@ def test_results_are_plain_numbers(name):
     assert info.keys() == {"errors"}
     seen, reward, *ends, info = env.step(env.action_space.sample())
     assert [type(x) for x in (seen, reward, *ends)] == [np.ndarray, float, bool, bool]
+    assert type(info.pop("is_success")) is bool
     assert info.keys() == {"reward_terms", "errors"}
     assert {type(x) for group in info.values() for x in group.values()} == {float}
     # Python sums floats in more digits than it shows from 3.12 on; each term is below 1.
