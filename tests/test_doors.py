@@ -94,7 +94,7 @@ def door(request) -> Door:
     return opened(request.param)
 
 
-@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, math.nan, "1", True])
+@pytest.mark.parametrize("seed", [-1, 2**64, 1.5, math.nan, "1", True, [1, 2]])
 def test_seeds_of_environments(door, seed):
     refused(door.reset, seed, "seed must be a whole number")
 
@@ -106,28 +106,47 @@ def test_a_seed_of_numpy_is_that_number(door):
         np.testing.assert_array_equal(rows[0], row)
 
 
-@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1.001, -0.001, "shape", "text"])
+ODD: dict[str, Callable[[torch.Tensor], Any]] = {
+    "sparse_coo": lambda x: x.to_sparse(),
+    "sparse_csr": lambda x: torch.atleast_2d(x).to_sparse_csr(),
+    "nested": lambda x: torch.nested.nested_tensor([x]),
+    "meta": lambda x: x.to("meta"),
+    "mkldnn": lambda x: x.to_mkldnn(),
+    "quantized": lambda x: torch.quantize_per_tensor(x, 1.0, 0, torch.quint8),
+    "complex": lambda x: x.to(torch.complex64).conj(),
+    "texts": lambda x: x.numpy().astype(str),
+    "beyond floats": lambda x: np.full(x.shape, 10**400, object),
+    "times": lambda x: x.numpy().astype("datetime64[s]"),
+    "records": lambda x: np.zeros(x.shape, [("a", float)]),
+    "ragged": lambda x: [[1.0], [1.0, 0.0]] * x.ndim,
+    "short": lambda x: x[..., 1:],
+}
+
+
+@pytest.mark.parametrize("wrong", [math.nan, math.inf, 1.001, -0.001, *ODD])
+@pytest.mark.filterwarnings("ignore")  # torch says of most that they are prototypes
 def test_actions(door, wrong):
     door.reset(0)
-    action: Any = np.zeros((door.rows, door.width))
-    if wrong == "shape":
-        action = action[:, 1:]
-    elif wrong == "text":
-        if door.name == "engine":
-            pytest.skip("the engine takes tensors alone")
-        action = action.astype(str)
-    else:
+    action = torch.zeros(door.rows, door.width)
+    if wrong not in ODD:
         action[0, 2] = wrong
-    refused(door.step, action, "action")
+        refused(door.step, action, "action")
+    elif door.name != "engine":  # which takes tensors alone
+        row = ODD[wrong](action[0] if door.rows == 1 else action)
+        if door.name == "team":
+            row = [ODD[wrong](deputy) for deputy in action]
+        refused(door.step, [row] if door.rows == 1 else row, "ction")
 
 
-@pytest.mark.parametrize("kind", ["lists", "double", "tensor", "ulp"])
+@pytest.mark.parametrize("kind", ["lists", "truths", "bfloat16", "double", "tensor", "ulp"])
 def test_actions_that_mean_the_same_fly_the_same(door, kind):
-    if door.name == "engine" and kind == "ulp":
-        pytest.skip("who steps an engine stays within its bounds")
+    if door.name == "engine" and kind in ("ulp", "bfloat16"):
+        pytest.skip("who steps an engine stays within its bounds, in numbers that NumPy knows")
     full = np.ones((door.rows, door.width), np.float32)
     ways: dict[str, Any] = {
         "lists": full.tolist(),
+        "truths": full.astype(bool),
+        "bfloat16": torch.ones(door.rows, door.width, dtype=torch.bfloat16),
         "double": full.astype(float),
         "tensor": torch.ones(door.rows, door.width, requires_grad=door.name != "engine"),
         "ulp": np.nextafter(full, np.float32(2.0)),
@@ -138,7 +157,7 @@ def test_actions_that_mean_the_same_fly_the_same(door, kind):
         step = door.step(action)
         first = step[0] if not isinstance(step[0], dict) else np.stack([*step[0].values()])
         seen.append(np.asarray(first).copy())
-    np.testing.assert_array_equal(*seen)
+    np.testing.assert_array_equal(seen[0], seen[1])
 
 
 def test_a_team_names_who_is_missing_and_ends_once():

@@ -173,7 +173,7 @@ def one_of(what: str, value: object, known: Iterable[str]) -> None:
         raise ConfigError(f"{what} must be one of {', '.join(names)}, got {brief(value)}{near}.")
 
 
-def whole(what: str, value: object, least: int = 1, bits: int = 31) -> int:
+def whole(what: str, value: Any, least: int = 1, bits: int = 31) -> int:
     """The value, checked to be a whole number >= ``least`` and < 2^``bits``; 1e6 is one.
 
     Raises:

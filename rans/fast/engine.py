@@ -348,9 +348,10 @@ def _check_actions(
             f"actions must have the shape {(count, craft.command_count)} (environments, "
             f"commands), got {shape}."
         )
-    if action.layout != torch.strided or action.is_meta or action.is_complex():
+    unknown_to_numpy = with_range and action.dtype == torch.bfloat16
+    if action.layout != torch.strided or action.is_meta or action.is_complex() or unknown_to_numpy:
         raise ConfigError(
-            "actions must be a dense tensor of real numbers in memory, got one with dtype "
+            "actions must be a dense tensor of real numbers in memory that NumPy knows, got one with dtype "
             f"{str(action.dtype).removeprefix('torch.')}, layout {str(action.layout).removeprefix('torch.')} "
             f"and device {action.device}."
         )

@@ -90,7 +90,7 @@ def test_reset_goes_on_counting_and_a_seed_starts_over(backend, craft):
     torch.testing.assert_close(engine.reset(5), first, rtol=0, atol=0)
     assert (engine.reset(6) != first).any(dim=1).all()
     np.testing.assert_allclose(
-        engine.reset(2**64 - 1)[0], first_observation(craft, -1, 0), atol=1e-6
+        engine.reset(2**64 - 1)[0], first_observation(craft, 2**64 - 1, 0), atol=1e-6
     )
 
 

@@ -205,7 +205,7 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
         assert data is not None  # every SB3 file has data
         spaces = data["observation_space"], data["action_space"]
         # State-dependent exploration is the algorithm's own setting, and changes the layers of its policy.
-        options = {"use_sde": True} if data.get("use_sde") else {}
+        options: dict[str, Any] = {"use_sde": True} if data.get("use_sde") else {}
         kind = data["policy_class"]
         if (
             "lr_schedule" in inspect.signature(kind).parameters
@@ -213,7 +213,8 @@ def of_sb3(name: str, craft: Spacecraft, task: Task, trust: bool) -> ForeignPoli
             options["lr_schedule"] = lambda _: 0.0
         policy = kind(*spaces, **options | data["policy_kwargs"])
         # torch.compile writes this before the names of what it wraps.
-        weights = {name.replace("_orig_mod.", ""): x for name, x in parameters["policy"].items()}
+        saved: Any = parameters["policy"]
+        weights = {name.replace("_orig_mod.", ""): x for name, x in saved.items()}
         policy.load_state_dict(weights)
     except ModuleNotFoundError as error:
         raise ConfigError(

@@ -8,13 +8,12 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-import torch
 from gymnasium.error import ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as check_env_for_sb3
 
 import rans
-from rans import ConfigError, SpacecraftEnv, Timing
+from rans import SpacecraftEnv, Timing
 from rans.episode.scenario import Scenario, scenario
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import TASKS, gymnasium_ids, observation
@@ -117,42 +116,6 @@ def test_a_given_scenario_is_flown(name):
         env.reset(seed=np.int64(8))[0],  # type: ignore[arg-type]
         first_observation(env, 8, 0),
     )
-
-
-@pytest.mark.parametrize(
-    "action",
-    [
-        np.zeros(7),
-        np.zeros((1, 8)),
-        np.full(8, 2),
-        np.full(8, 0.5),
-        np.full(8, math.nan),
-        1,
-        "open",
-        None,
-    ],
-)
-def test_wrong_actions(action):
-    env = make()
-    env.reset(seed=1)
-    with pytest.raises(ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster"):
-        env.step(action)
-
-
-def test_actions_may_be_lists_truth_values_and_tensors():
-    results = []
-    for action in (
-        [1, 0] * 4,
-        np.array([True, False] * 4),
-        np.array([1.0, 0.0] * 4),
-        torch.tensor([1.0, 0.0] * 4, dtype=torch.bfloat16),
-        torch.tensor([1.0, 0.0] * 4, requires_grad=True),
-    ):
-        env = make()
-        env.reset(seed=1)
-        results.append(env.step(action)[0])  # type: ignore[arg-type]
-    for result in results[1:]:
-        np.testing.assert_array_equal(results[0], result)
 
 
 def test_a_users_own_spacecraft(tmp_path):

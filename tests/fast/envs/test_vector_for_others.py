@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from gymnasium.wrappers import vector as wrappers
 
 import rans
-from rans import ConfigError, SpacecraftVectorEnv
+from rans import SpacecraftVectorEnv
 from tests.support.engines import NEAR, SHORT
 
 PLANE = "rans/GoToPose2D-v0"
@@ -92,14 +92,10 @@ def test_every_mode_is_gymnasiums_own(mode, conditions):
     assert won or mode != AutoresetMode.SAME_STEP
 
 
-def test_seeds_are_whole_numbers_of_any_kind():
+def test_without_a_seed_episodes_are_counted_on():
     env = make()
     first = env.reset(seed=3)[0].clone()
     assert (env.reset()[0] != first).any(dim=1).all()  # episodes are counted on
-    assert torch.equal(env.reset(seed=np.int64(3))[0], first)  # type: ignore[arg-type]
-    for wrong in (-1, 2**64, 0.5, "1", True, [1, 2], [None] * COUNT):
-        with pytest.raises(ConfigError, match="the seed must be a whole number"):
-            env.reset(seed=wrong)  # type: ignore[arg-type]
 
 
 def test_observations_are_contiguous_and_the_length_of_episodes_is_told():
@@ -135,35 +131,6 @@ def test_gradients_end_at_the_environment():
     env = make()
     env.reset(seed=1)
     assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
-
-
-@pytest.mark.parametrize(
-    "odd",
-    [
-        [["open"] * 8] * COUNT,
-        [[object()] * 8] * COUNT,
-        [[10**400] * 8] * COUNT,
-        None,
-        np.zeros((COUNT, 8), "datetime64[s]"),
-        np.zeros((COUNT, 8), [("a", float)]),
-    ],
-    ids=["texts", "objects", "beyond floats", "nothing", "times", "records"],
-)
-def test_actions_that_are_no_numbers_are_told_as_by_the_single_environment(odd):
-    env = make()
-    env.reset(seed=1)
-    with pytest.raises(
-        ConfigError, match=r"8 numbers, 0 \(shut\) or 1 \(open\), one per thruster, got \S"
-    ):
-        env.step(odd)
-
-
-def test_rows_of_different_lengths_are_no_actions():
-    single = gymnasium.make("rans/GoToPose2D-v0")
-    for env in (make(), single):
-        env.reset(seed=1)
-        with pytest.raises(ConfigError, match=r"rows of one length, got \[\[1\], \[1, 0\]\]"):
-            env.step([[1], [1, 0]])  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
