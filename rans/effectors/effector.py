@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from typing import Any, NamedTuple
@@ -73,10 +73,41 @@ class Growth:
 
 
 @dataclass(frozen=True)
+class Loss:
+    """What the propellant that has left does to loads on a craft in a part of a control period.
+
+    The craft moves as the full one does, under loads that are scaled (`rans.effectors.propellant.Tank`).
+    """
+
+    growth: Growth
+    """Full mass over mass."""
+    turning: Growth
+    """Factor on torques: in the plane full inertia over inertia, as a tank may be off the centre of mass; in space
+    the same as `growth`."""
+    lever: Growth | None = None
+    """Factor on the torque of a force at the tank's `arm`, by which the centre of mass moves; None: it does not."""
+    arm: Any = None
+    """From B's origin to the tank, m: a vector. None: what leaves is spread as the mass is."""
+
+    def scaled(self, first: Wrench, last: Wrench | None) -> tuple[Wrench, Wrench]:
+        """Start and end for the full craft of a wrench on the true one, linear in time; last None: constant."""
+        begins, ends = self.growth.line(first, last)
+        if self.lever is None:
+            return begins, ends
+        turns = self.turning.line(first.torque, None if last is None else last.torque)
+        moments = self.lever.line(*(_moment(self.arm, x) for x in (first, last) if x is not None))
+        begins, ends = (
+            replace(wrench, torque=turn + moment)
+            for wrench, turn, moment in zip((begins, ends), turns, moments, strict=True)
+        )
+        return begins, ends
+
+
+@dataclass(frozen=True)
 class Push:
     """Part of a control period in which wrench and mass are constant or linear in time.
 
-    Effectors modify it one after the other (`Action.pushes`). Wrenches act at the centre of mass, in B.
+    Effectors modify it one after the other (`Action.pushes`), by `plus`. Wrenches act at the centre of mass, in B.
     """
 
     duration: Field
@@ -87,16 +118,44 @@ class Push:
     """Wrench at the end, scaled likewise; None: constant."""
     longest: float
     """Upper bound on the duration, s."""
-    growth: Growth | None = None
-    """Full mass over mass; None: the craft has no propellant."""
-    turning: Growth | None = None
-    """Factor on torques: in the plane full inertia over inertia, as a tank may be off the centre of mass; in space
-    the same as `growth`. None: the craft has no propellant."""
+    loss: Loss | None = None
+    """What lost propellant does to loads; None: the craft has no propellant."""
     tank: tuple[Emptied, Emptied] | None = None
     """What a craft with a tank at a place lacks at the start and at the end; None: there is none."""
     momentum: tuple[Any, Any] | None = None
     """Angular momentum of wheels inside the craft in B, N m s, at the start, and its change until the end; vectors
     in space, scalars about z in the plane. None: no wheels."""
+
+    def plus(self, first: Wrench, last: Wrench | None = None) -> Push:
+        """The part with one more wrench, which acts on the true craft.
+
+        What the propellant that has left does to it, and that thrust beside it may rise or fall, is in the result.
+
+        Args:
+            first: in B about the centre of mass with a full tank, N and N m: vectors in space, a vector and a
+                scalar about z in the plane. `Begun.wrench` makes one of a force and where it acts.
+            last: at the end, linear in time from ``first``; None: constant.
+        """
+        begins, ends = (
+            (first, last or first) if self.loss is None else self.loss.scaled(first, last)
+        )
+        steady = self.last is None and last is None
+        after = None if steady else _sum(self.last or self.first, ends)
+        return replace(self, first=_sum(self.first, begins), last=after)
+
+
+def _sum(a: Wrench, b: Wrench) -> Wrench:
+    """Sum of two wrenches, with the exhaust of the first."""
+    return replace(a, force=a.force + b.force, torque=a.torque + b.torque)
+
+
+def _moment(arm: Any, wrench: Wrench) -> Any:
+    """Torque of a wrench's force at an arm."""
+    force: Any = wrench.force
+    return arm.cross(force) if isinstance(arm, Vec3) else arm.x * force.y - arm.y * force.x
+
+
+_NOTHING = Vec3(0.0, 0.0, 0.0)
 
 
 class Begun(NamedTuple):
@@ -110,6 +169,24 @@ class Begun(NamedTuple):
     """Mass properties of the craft with a full tank."""
     period: float
     """Length of the control period, s."""
+
+    def wrench(
+        self, torque: Vec3, force: Vec3 = _NOTHING, arm: tuple[float, float, float] = (0.0,) * 3
+    ) -> Wrench:
+        """Wrench in B about the true centre of mass, as `Push.plus` takes it.
+
+        Vectors have three components in the plane too, where those play no part that nothing in it can feel.
+
+        Args:
+            torque: in B, N m.
+            force: in B, N.
+            arm: from the designed centre of mass to where the force acts, axes of B, m.
+        """
+        flat = len(self.body.inertia) == 1
+        centre = (*(self.body.centre or (0.0, 0.0)), 0.0)[:3]
+        away = Vec3(*(a - c for a, c in zip(arm, centre, strict=True)))
+        turn = torque if force is _NOTHING else torque + away.cross(force)
+        return Wrench(Vec2(force.x, force.y), turn.z) if flat else Wrench(force, turn)
 
 
 class Action:

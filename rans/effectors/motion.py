@@ -115,12 +115,12 @@ def states_at_checks(
             fewer = nodes - (2.0 * longest * substeps <= period * steps)
             momentum = push.momentum if craft.dimension == 3 else None
             growth = None
-            if push.growth is not None and disturbance is not None:
-                growth = push.growth.constant
+            if push.loss is not None and disturbance is not None:
+                growth = push.loss.growth.constant
             # The wheels stay as the propellant leaves: beside a full craft they grow.
             rotors = None
             if inertia:
-                rotors = (inertia, None) if push.growth is None else push.growth.line(inertia)
+                rotors = (inertia, None) if push.loss is None else push.loss.growth.line(inertia)
             state = integrate(
                 state,
                 push.first,

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from rans.effectors.effector import Action, Begun, Effector, Growth, Push
+from rans.effectors.effector import Action, Begun, Effector, Growth, Loss, Push
 from rans.model.body import Body
-from rans.model.dynamics import RULES, Emptied, Piece, Wrench
+from rans.model.dynamics import RULES, Emptied, Piece
 from rans.model.fields import Field, Vec2, Vec3, at_least, fraction_of, map_leaves, sqrt
 from rans.model.spacecraft import Propellant, Store
 
@@ -60,9 +60,9 @@ class Tank:
         first = replace(first, exhaust=None)
         last = None if last is None else replace(last, exhaust=None)
         growth = turning = grown(values)
-        begins, ends = growth.line(first, last)
         if self.arm is None:
-            return Push(duration, begins, ends, longest, growth, growth)
+            loss = Loss(growth, turning)
+            return Push(duration, *loss.scaled(first, last), longest, loss)
         # The lever arms of thrusters change by (g - 1) a.
         levers = [g * (g - 1.0) for g in values]
         arm: Any = (Vec2 if len(self.arm) == 2 else Vec3)(*self.arm)
@@ -84,20 +84,12 @@ class Tank:
             )
             turning = grown(values)
         lever = grown(levers)
-        torques = zip(
-            turning.line(first.torque, None if last is None else last.torque),
-            lever.line(*(_moment(arm, x) for x in (first, last) if x is not None)),
-            strict=True,
-        )
-        begins, ends = (
-            replace(wrench, torque=own + levered)
-            for wrench, (own, levered) in zip((begins, ends), torques, strict=True)
-        )
+        loss = Loss(growth, turning, lever, arm)
         lacks = [
             Emptied(arm.scale(1.0 - g), () if flat else excess(g, x), turn)
             for g, x, turn in zip(growth.constant, lever.constant, turning.constant, strict=True)
         ]
-        return Push(duration, begins, ends, longest, growth, turning, (lacks[0], lacks[1]))
+        return Push(duration, *loss.scaled(first, last), longest, loss, (lacks[0], lacks[1]))
 
     def burned(self, piece: Piece, left: Field) -> Iterator[tuple[Push, Field]]:
         """Divide a piece into parts with thrust and with an empty tank, each with the propellant left after it.
@@ -144,12 +136,6 @@ class Tank:
         empty = (duration * (1.0 - open_part), nothing, None, longest)
         push = self._push(empty, [self.growth(after)], lambda values: Growth.steady(*values))
         yield replace(push, first=replace(nothing, exhaust=None), last=None), after
-
-
-def _moment(arm: Any, wrench: Wrench) -> Any:
-    """Torque of a wrench's force at an arm."""
-    force: Any = wrench.force
-    return arm.cross(force) if isinstance(arm, Vec3) else arm.x * force.y - arm.y * force.x
 
 
 def divided(piece: Piece, count: int) -> Iterator[Piece]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from rans.effectors.effector import Action, Begun, Effector, Push, times
 from rans.model.actuators import Wheel
-from rans.model.dynamics import State
+from rans.model.dynamics import State, Wrench
 from rans.model.fields import Field, Vec3, where
 from rans.model.spacecraft import CommandRange, Spacecraft, Store
 
@@ -57,15 +57,11 @@ class _Spinning(Action):
             turn = along_axes(wheels, self.motors)
             before = along_axes(wheels, self.stores(self.elapsed))
             after = before + times(turn, push.duration)
-            begins = ends = turn
-            if push.turning is not None:
-                begins, ends = push.turning.line(turn)
-                before, after = push.turning.line(before, after)
-            first = replace(push.first, torque=push.first.torque - begins)
-            last = push.last
-            last = last if last is None else replace(last, torque=last.torque - ends)
+            if push.loss is not None:
+                before, after = push.loss.turning.line(before, after)
             self.elapsed = self.elapsed + push.duration
-            yield replace(push, first=first, last=last, momentum=(before, after - before))
+            reaction = Wrench(push.first.force.scale(0.0), times(turn, -1.0))
+            yield replace(push.plus(reaction), momentum=(before, after - before))
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         """Momenta of the wheels at a time since the start of the period (s), N m s."""

@@ -1,8 +1,8 @@
 """A drift and an effector: what moves a craft without its thrusters, and what turns it beside them."""
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 from rans.extend import (
     Action,
@@ -12,8 +12,10 @@ from rans.extend import (
     Drift,
     Effector,
     Field,
+    Push,
     Store,
     Vec3,
+    Wrench,
     absolute,
     cosine,
     sine,
@@ -68,26 +70,24 @@ class Torquer(Effector):
         (command,) = begun.command
         (charge,) = begun.stores
         most = charge * (1.0 / begun.period)
-        return _Turning(self, within(command, -most, most), charge)
+        share = within(command, -most, most)
+        amount = share * self.torque
+        turn = begun.wrench(Vec3(*(amount * x for x in self.axis)))
+        return _Turning(turn, share, charge)
 
 
 class _Turning(Action):
-    """A constant share of a torquer's torque, which empties its charge."""
+    """A constant torque, the share of a torquer's largest, which empties its charge."""
 
-    def __init__(self, torquer: Torquer, share: Field, charge: Field) -> None:
-        self._torquer = torquer
+    def __init__(self, turn: Wrench, share: Field, charge: Field) -> None:
+        self._turn = turn
         self._share = share
         self._charge = charge
 
-    def pushes(self, pushes: Iterable[Any]) -> Iterator[Any]:
-        """Every part of the period with the torque added: a number in the plane, a vector in space."""
-        x, y, z = self._torquer.axis
-        amount = self._share * self._torquer.torque
+    def pushes(self, pushes: Iterable[Push]) -> Iterator[Push]:
+        """Every part of the period with the torque added."""
         for push in pushes:
-            in_space = isinstance(push.first.torque, Vec3)
-            turn = Vec3(amount * x, amount * y, amount * z) if in_space else amount * z
-            # Loads are those of the craft with a full tank; an axis of B does not turn with the rest.
-            yield replace(push, first=replace(push.first, torque=push.first.torque + turn))
+            yield push.plus(self._turn)
 
     def stores(self, time: Field) -> tuple[Field, ...]:
         """Charge a time (s) after the period began."""
