@@ -13,11 +13,11 @@ import torch
 from rans.base.errors import ConfigError, RansWarning, brief
 from rans.base.processes import Workers, processors
 from rans.base.progress import Progress, unseen
-from rans.compile.machine_code import Products, WholeFlights, machine_code
 from rans.effectors.commands import of_outputs
 from rans.episode.flight_statistics import FlightStatistics
 from rans.episode.step import Episode, Outcome, Setup, World, step
 from rans.episode.verdict import FlightAccumulator
+from rans.fast.machine_code import Products, WholeFlights, machine_code
 from rans.fast.stepping.step import Backend
 from rans.fast.threads import one_thread
 from rans.model.fields import Field, leaves

@@ -6,6 +6,7 @@ Its fields are stored in every agent's file: a new one needs a default that is w
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,15 +16,20 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from rans.base.errors import ConfigError
+from rans.base.errors import ConfigError, brief
 from rans.model.fields import Field
+from rans.model.spacecraft import Spacecraft
 from rans.policy.activations import ACTIVATIONS
 from rans.policy.adaptation import Adaptation, Filters
 from rans.policy.backbone_registry import backbone
-from rans.policy.backbones import Backbone
 from rans.policy.heads import HEADS, Head
+from rans.policy.program import Program
 from rans.policy.symmetry import Symmetries
 from rans.tasks.observation_terms import Columns, Layout
+
+Tokens = tuple[tuple[float, ...], ...]
+"""What each effector of a craft is, by the numbers that a backbone needs."""
+
 
 EXTRACTOR = "features_extractor."
 """Where SB3's policies have everything before the two heads."""
@@ -317,3 +323,88 @@ class Architecture:
             if not self.tokens:
                 self.last.expect(tensors["action_net.bias"], duty)
         return tensors | {EXTRACTOR + name: x for name, x in self.statistics().items()}, generator
+
+
+class Backbone(ABC):
+    """Makes outputs for commands of features."""
+
+    def tokens(self, craft: Spacecraft, period: float) -> Tokens:
+        """`Architecture.tokens` of a network that learns for a craft; () if it is not given its effectors.
+
+        Raises:
+            ConfigError: it cannot command the craft.
+        """
+        return ()
+
+    def check(self, architecture: Architecture) -> None:
+        """Refuse (`ValueError`) numbers of an agent's file that no such network has."""
+        of_others = (
+            architecture.tokens,
+            architecture.authority,
+            architecture.frugal,
+            architecture.reach,
+            architecture.filling,
+        )
+        if any(of_others) or architecture.adapts:
+            raise ValueError(
+                f"it has numbers that its backbone {brief(architecture.backbone)} lacks"
+            )
+
+    def columns(self, architecture: Architecture) -> Layout:
+        """Layout of the columns that the network is given."""
+        return architecture.layout.body
+
+    def preprocessed(self, architecture: Architecture, observation: Columns) -> list[Field]:
+        """Columns of a reading, which are all of an observation's in B for a network that adapts."""
+        return architecture.layout.in_body(observation)
+
+    def known(self, architecture: Architecture, columns: Columns) -> dict[str, list[Field]]:
+        """Rows beside features that outputs need, by their names in a program, of the columns of the network."""
+        return {}
+
+    def adaptation(self, architecture: Architecture) -> Adaptation:
+        """Estimator of a network that adapts; `check` refuses others."""
+        raise NotImplementedError
+
+    def adapted(
+        self, architecture: Architecture, read: Columns, gains: Columns, lost: Field
+    ) -> list[Field]:
+        """Columns of a network that adapts; `check` refuses others.
+
+        Args:
+            architecture: of the network.
+            read: columns of a reading.
+            gains: of velocities and of angular velocities, over those of the file (`rans.policy.adaptation`).
+            lost: 1 if a thruster is taken for lost, else 0.
+        """
+        raise NotImplementedError
+
+    def for_faults(self, architecture: Architecture) -> Architecture:
+        """The architecture with which the network flies where thrusters fail."""
+        return architecture
+
+    def choices(self, architecture: Architecture) -> int:
+        """Number of ways to open thrusters together of which outputs choose one; 0: each command by itself."""
+        return 0
+
+    @abstractmethod
+    def rows(self, architecture: Architecture) -> int:
+        """Rows of the last layer, whose weights are ``action_net``."""
+
+    def tables(self, architecture: Architecture, like: Tensor) -> tuple[Tensor, ...]:
+        """What `rans.policy.heads.Patterns` has beside the last layer's outputs, as ``like`` is in memory.
+
+        (): each command is decided by an output.
+
+        A network makes them once, since neither a compiler nor a CUDA graph may: see `Network.tables`.
+        """
+        return ()
+
+    @abstractmethod
+    def traced(self, program: Program, architecture: Architecture, features: str) -> str:
+        """Write outputs for commands into a program: a row (N, outputs n) of a row of features (N, features).
+
+        See `rans.policy.heads.Head`. Torch computes that program (`rans.policy.torch_program`).
+
+        The last layer's parameters are those of "head", after `rans.policy.heads.Head.folded`.
+        """

@@ -3,29 +3,20 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import Any
 
 from rans.base.registry import Registry
 
-if TYPE_CHECKING:
-    from rans.policy.backbones import AnyCraft, Backbone
-
-BACKBONES: Registry[Backbone] = Registry(
+BACKBONES: Registry[Any] = Registry(
     "backbone",
     "rans.backbones",
     {"dense": "rans.policy.backbones:DENSE"},
-    checked="rans.policy.backbones:Backbone",
+    checked="rans.policy.architecture:Backbone",
 )
-"""Backbones by their names in settings and agents' files."""
+"""`rans.policy.architecture.Backbone` by their names in settings and agents' files."""
 
 
 @cache
-def backbone(name: str) -> Backbone:
+def backbone(name: str) -> Any:
     """The backbone of a name in `BACKBONES`."""
     return BACKBONES[name]
-
-
-@cache
-def any_craft() -> AnyCraft:
-    """What an installed backbone offers, whose networks fly any craft."""
-    return next(found for _, one in BACKBONES.each() if (found := one.any_craft) is not None)

@@ -14,7 +14,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.heads import Distribution, OnOff
+from rans.policy.heads import Distribution, OnOff, Patterns
 from rans.policy.memory import MakePreprocessor, PolicyState, Remembering, by_row, viewed
 from rans.policy.preprocess import (
     TorchPreprocessor,
@@ -278,9 +278,10 @@ class Network(Remembering):
             value = out[..., -1]
         else:
             value = functional.linear(critic, worth, constant)[..., 0]
-            if (patterns := self._backbone.patterns(self, features)) is not None:
-                return Output(patterns, value)
             weight, bias = head.folded(*self.layer("action_net"))
+            if self.tables:
+                demand = functional.linear(features, weight, bias)
+                return Output(Patterns(demand, *self.tables), value)
             layer = {"features": features, "head.weight": weight, "head.bias": bias}
             action = self._outputs(layer | dict(known))
         return Output(head.distribution(action, self.tensors.get("log_std")), value)

@@ -11,7 +11,7 @@ from dataclasses import replace
 from rans.base.errors import ConfigError
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
-from rans.policy.backbone_registry import any_craft
+from rans.policy.backbones import any_craft
 from rans.tasks import Task
 from rans.tasks.derived import layout
 

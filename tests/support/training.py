@@ -21,10 +21,10 @@ from torch import Tensor
 
 from rans import Engine, SB3VecEnv
 from rans.fast.learn.adam import EPSILON
+from rans.fast.learn.batch import Batch
 from rans.fast.learn.beginning import begin
 from rans.fast.learn.config import MemorySettings, PPOSettings, TrainConfig
 from rans.fast.learn.ppo import PPOLearner
-from rans.fast.learn.rollout import Batch
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.trainer import Trainer
 from rans.model.actuators import Throttle

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator
 
 import torch
 
-from rans.compile.machine_code import Products
 from rans.episode.step import Setup
 from rans.fast.engine import Engine
 from rans.fast.flights import Flights
 from rans.fast.learn.beginning import architecture_of
 from rans.fast.learn.config import PPOSettings
+from rans.fast.machine_code import Products
 from rans.model.spacecraft import Spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network

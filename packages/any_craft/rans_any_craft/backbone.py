@@ -13,14 +13,12 @@ import numpy as np
 from torch import Tensor
 
 from rans.extend import (
+    AnyCraftBackbone,
     Architecture,
-    Backbone,
     Columns,
     ConfigError,
     Field,
     Layout,
-    Network,
-    Patterns,
     Program,
     Spacecraft,
     inputs,
@@ -38,7 +36,6 @@ from rans_any_craft.allocated import (
     checks,
     choice,
     continuous,
-    demand,
     effects_of,
     slopes_of,
     thruster_count,
@@ -64,7 +61,7 @@ _UNBOUNDED = 100.0
 """Distance, m, that is as good as no bound: tasks fail before."""
 
 
-class Allocated(Backbone):
+class Allocated(AnyCraftBackbone):
     """The last layer's numbers are a demand in units of the craft's authority (`rans_any_craft.allocation`).
 
     They are three in the plane and six in space. A token is what an effector does to the twist in a control period
@@ -209,10 +206,6 @@ class Allocated(Backbone):
         chosen = choice(architecture.tokens, price=numbers_of(architecture).price)
         assert chosen is not None
         return tuple(map(like.new_tensor, (chosen.offset, chosen.slope.T, chosen.opened)))
-
-    def patterns(self, network: Network, features: Tensor) -> Patterns | None:
-        """See `Backbone`."""
-        return Patterns(demand(network, features), *network.tables) if network.tables else None
 
     def traced(self, program: Program, architecture: Architecture, features: str) -> str:
         """Shares or log-odds, of features and rows of what is known; see `Backbone`."""

@@ -19,7 +19,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans.extend import Adam, Architecture, ConfigError, Engine, Network, Patterns, PPOSettings
+from rans import Engine
+from rans.extend import Adam, Architecture, ConfigError, Network, Patterns, PPOSettings
 from rans.fast.learn import graph
 from rans_any_craft.allocated import demand
 from rans_any_craft.frugality import Frugality, numbers_of

@@ -15,14 +15,8 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from rans import RansWarning
-from rans.extend import (
-    ConfigError,
-    GoToPose,
-    Network,
-    Spacecraft,
-    brief,
-)
+from rans import GoToPose, RansWarning
+from rans.extend import ConfigError, Network, Spacecraft, brief
 from rans_any_craft.allocated import (
     CONTINUOUS,
     ON_OFF,

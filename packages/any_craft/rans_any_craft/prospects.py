@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans import RansWarning
-from rans.extend import ConfigError, GoToPose, Spacecraft
+from rans import GoToPose, RansWarning
+from rans.extend import ConfigError, Spacecraft
 from rans_any_craft.networks import LEAST_MARGIN, authority, columns_of, without
 from rans_any_craft.twists import authority_margin
 

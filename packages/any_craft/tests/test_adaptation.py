@@ -13,7 +13,6 @@ from rans_any_craft.backbone import ALLOCATED
 from rans_any_craft.networks import for_craft
 
 from rans.base.errors import ConfigError
-from rans.compile.machine_code import compiled_preprocessor
 from rans.episode.flight import Flight
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.any_craft import for_spacecraft
@@ -21,6 +20,7 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.agent_files.agent import actor_bytes, read_policy
+from rans.fast.machine_code import compiled_preprocessor
 from rans.model.spacecraft_file import load_spacecraft
 from rans.model.timing import Timing
 from rans.policy.network import Network

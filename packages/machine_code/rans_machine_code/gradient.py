@@ -7,7 +7,6 @@ cache: forward pass, losses and backward pass of a tile before the next. Gradien
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 from typing import Any, ClassVar, NamedTuple
@@ -22,12 +21,11 @@ from rans.extend import (
     Batch,
     Capabilities,
     Network,
-    PPOSettings,
     Symbol,
     leaves,
 )
-from rans_machine_code import loss_gradient
 from rans_machine_code.llvm import FLOAT, LANES, LONG, POINTER, Code, Value, compiled
+from rans_machine_code.loss_gradient import STATISTICS, WITH_SLOPE, Loss, LossProgram
 from rans_machine_code.matmul import (
     WIDTH,
     add_vector_sum,
@@ -41,12 +39,9 @@ from rans_machine_code.network import joined
 
 _TILE = 512
 """Largest number of samples in a tile, whose activations fit the cache of a core."""
-_LOSS_INPUTS = 3
-"""Scalar inputs of the losses: clip range, weights of value and entropy losses, and 1 / samples."""
-
 _SUPPORTED = Capabilities(
     heads=("on-off",),
-    activations=loss_gradient.WITH_SLOPE,
+    activations=WITH_SLOPE,
     privileged_critic=False,
 )
 
@@ -78,7 +73,7 @@ class _Arguments(NamedTuple):
     activations: Value
     """Scratch memory for the outputs of all layers, (units, tile) each."""
     scalars: Value
-    """`_LOSS_INPUTS`, then sums of the statistics, to which is added."""
+    """1 / samples, then sums of the losses, to which is added."""
     tile: Value
     """Samples in a tile."""
     tiles: Value
@@ -114,6 +109,7 @@ class GradientCode(NamedTuple):
     activation: str
     offsets: tuple[tuple[int, ...], ...]
     """Places in the row of parameters where weight and bias of each trunk layer begin."""
+    loss: LossProgram
 
     def write(self, code: Code, *values: Value) -> None:
         """Print the function, whose arguments are those of `_Arguments`.
@@ -204,20 +200,19 @@ class GradientCode(NamedTuple):
         scalars: Value,
         tile: Value,
     ) -> None:
-        """Print the losses of a tile (`rans_machine_code.loss_gradient`), `LANES` samples at a time.
+        """Print the losses of a tile, `LANES` samples at a time.
 
         Args:
             code: of the function.
             samples: addresses of the tile's actions, log-probabilities, advantages and targets.
             stride: stride of the rows of the actions.
             outputs: the heads' outputs, which are overwritten by their gradients.
-            scalars: inputs of the losses; sums of the statistics behind them are added to.
+            scalars: 1 / samples; sums of the losses behind it are added to.
             tile: samples in the tile.
         """
-        action, log_prob, advantage, target = samples
-        clip_range, vf_coef, per_sample = (
-            code.everywhere(code.read(scalars, i, FLOAT)) for i in range(_LOSS_INPUTS)
-        )
+        action, *given = samples
+        loss = self.loss
+        per_sample = code.everywhere(code.read(scalars, 0, FLOAT))
         zero = code.everywhere(0.0)
 
         def vector(number: Value, sums: list[Value]) -> list[Value]:
@@ -227,43 +222,21 @@ class GradientCode(NamedTuple):
             """
             first = code.mul(number, LONG(LANES))
             rows = [code.add(first, code.mul(tile, LONG(i))) for i in range(self.sizes[-1])]
-            *logits, value = [code.read(outputs, row) for row in rows]
-            commands = [
-                code.read(action, code.add(first, code.mul(stride, LONG(i))))
-                for i in range(self.sizes[-1] - 1)
-            ]
-            # Log-probability and entropy of the actions.
-            choices = [
-                loss_gradient.Choice(*_printed(code, loss_gradient.opening_term, *both))
-                for both in zip(logits, commands, strict=True)
-            ]
-            log_probs, entropies = (
-                functools.reduce(code.fadd, terms) for terms in list(zip(*choices, strict=True))[:2]
-            )
-            # Losses, and derivatives of the mean over the minibatch.
-            d_log_prob, d_value, *losses = _printed(
-                code,
-                loss_gradient.transition_losses,
-                log_probs,
-                entropies,
-                value,
-                code.read(log_prob, first),
-                code.read(advantage, first),
-                code.read(target, first),
-                clip_range,
-                vf_coef,
-            )
-            for row, command, part in zip(rows, commands, choices, strict=False):
-                (derivative,) = _printed(
-                    code, loss_gradient.d_logit, command, part.opening, d_log_prob
-                )
+            values = {x: code.read(outputs, row) for x, row in zip(loss.outputs, rows, strict=True)}
+            for i, x in enumerate(loss.commands):
+                values[x] = code.read(action, code.add(first, code.mul(stride, LONG(i))))
+            values |= {
+                x: code.read(place, first) for x, place in zip(loss.given, given, strict=True)
+            }
+            # Derivatives of the mean over the minibatch, and losses.
+            found = code.computed(loss.roots, values)
+            for row, derivative in zip(rows, found, strict=False):
                 code.write(code.fmul(derivative, per_sample), outputs, row)
-            code.write(code.fmul(d_value, per_sample), outputs, rows[-1])
-            return [code.fadd(old, new) for old, new in zip(sums, losses, strict=True)]
+            return [code.fadd(old, new) for old, new in zip(sums, found[len(rows) :], strict=True)]
 
-        sums = code.repeat(code.udiv(tile, LONG(LANES)), [zero] * loss_gradient.STATISTICS, vector)
+        sums = code.repeat(code.udiv(tile, LONG(LANES)), [zero] * STATISTICS, vector)
         for i, value in enumerate(sums):
-            add_vector_sum(code, value, scalars, LONG(_LOSS_INPUTS + i))
+            add_vector_sum(code, value, scalars, LONG(1 + i))
 
     def _backward(self, code: Code, layer: _Layer, tile: Value, is_first: bool) -> None:
         """Print the gradients of a layer's parameters and, but for the first layer, of its inputs.
@@ -329,9 +302,7 @@ def gradient_code(code: GradientCode) -> Callable[..., None]:
     return compiled((POINTER,) * 11 + (LONG, LONG), code.write)[0]
 
 
-def gradient(
-    network: Network, adam: Adam, settings: PPOSettings, samples: int
-) -> CpuGradient | None:
+def gradient(network: Network, adam: Adam, loss: Loss, samples: int) -> CpuGradient | None:
     """Gradients of minibatches of ``samples`` transitions; None for networks that it does not support.
 
     Thrusters must be on/off, and actor and critic share float32 layers.
@@ -339,7 +310,7 @@ def gradient(
     tensor = next(iter(network.tensors.values()))
     supported = tensor.dtype == torch.float32 and samples % WIDTH == 0
     supported = supported and not _SUPPORTED.missing(network.architecture)
-    return CpuGradient(network, adam, settings) if supported else None
+    return CpuGradient(network, adam, loss) if supported else None
 
 
 class CpuGradient:
@@ -350,15 +321,14 @@ class CpuGradient:
     Args:
         network: see `gradient`.
         adam: optimizer, whose `row` and `gradient` keep their addresses.
-        settings: coefficients of the losses.
+        loss: of a transition.
     """
 
     description: ClassVar[str] = "machine code"
 
-    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
+    def __init__(self, network: Network, adam: Adam, loss: Loss) -> None:
         self._network = network
         self._adam = adam
-        self._coefficients = settings.clip_range, settings.vf_coef
         architecture = network.architecture
         tensors = network.tensors
         *trunk, actor, critic = (
@@ -386,7 +356,10 @@ class CpuGradient:
             ]
             for pair in heads
         ]
-        self._run = gradient_code(GradientCode(self._sizes, architecture.activation, offsets))
+        program = LossProgram.of(architecture.thrusters, loss)
+        self._run = gradient_code(
+            GradientCode(self._sizes, architecture.activation, offsets, program)
+        )
 
     def inputs(
         self, seen: Tensor, memory: Tensor | None, privileged: Tensor | None = None
@@ -405,8 +378,8 @@ class CpuGradient:
         count = len(part.memory)
         tile = next(size for size in range(min(_TILE, count), 0, -WIDTH) if count % size == 0)
         activations = np.empty(sum(self._sizes[1:]) * tile, np.float32)
-        scalars = np.zeros(_LOSS_INPUTS + loss_gradient.STATISTICS, np.float32)
-        scalars[:_LOSS_INPUTS] = *self._coefficients, 1 / count
+        scalars = np.zeros(1 + STATISTICS, np.float32)
+        scalars[0] = 1 / count
         tensors = (
             part.memory.T.contiguous(),
             part.action.T.contiguous(),
@@ -434,10 +407,7 @@ class CpuGradient:
             actor[1::2] = joint[:-1]
             actor[0::2] = -joint[:-1]
             critic[...] = joint[-1:]
-        # Means of the statistics, and the loss.
-        surrogate, value, entropy, *rest = scalars[_LOSS_INPUTS:] * scalars[_LOSS_INPUTS - 1]
-        loss = surrogate + scalars[1] * value
-        return torch.from_numpy(np.array([loss, surrogate, value, entropy, *rest])).unbind()
+        return torch.from_numpy(scalars[1:] * scalars[0]).unbind()
 
     def _parts(self, head: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Views of the joint head's weights (heads, features) and biases (heads,)."""

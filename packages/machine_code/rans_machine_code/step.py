@@ -28,7 +28,7 @@ class CompiledStep:
     """
 
     observe = None
-    """See `rans.compile.machine_code.GeneratedStep`."""
+    """See `rans.fast.machine_code.GeneratedStep`."""
 
     def __init__(self, program: StepProgram, draws: Draws) -> None:
         self._shape = program.shape

@@ -5,17 +5,31 @@ import torch
 from rans_machine_code.gradient import CpuGradient
 from rans_machine_code.matmul import WIDTH
 
-from rans.fast.learn.ppo import losses
+from rans.base.errors import RansWarning
+from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
+from rans.model.fields import absolute, within
 from tests.support.training import MACHINE_CODE_CASES, collected, tiny_learner
 
 
+class OwnLoss(PPOLearner):
+    """A loss as a researcher may change it: a dear value, clipped, and a bonus for entropy."""
+
+    def loss(self, sample):
+        usual = super().loss(sample)
+        near = within(sample.target - sample.value, -0.1, 0.1)
+        dear = 1000.0 * usual.value_loss + 3.0 * near * near - 0.3 * sample.entropy
+        return usual._replace(loss=usual.loss + dear / (1.0 + absolute(sample.advantage)))
+
+
 @MACHINE_CODE_CASES
-def test_gradients_are_autograds(craft, settings):
+@pytest.mark.parametrize("kind", [PPOLearner, OwnLoss])
+def test_gradients_are_autograds(craft, settings, kind):
     learner, batch = collected(craft, **settings)
-    learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.settings)
+    learner.__class__ = kind
+    learner.backend = machine = CpuGradient(learner.network, learner.adam, learner.loss)
     (part,) = minibatches(batch, 1)
-    exact = losses(learner.network, part, learner.settings)
+    exact = losses(learner.network, part, learner.loss)
     network = learner.network
     gradients = torch.autograd.grad(exact.loss, [network.tensors[name] for name in network.learnt])
     (part,) = minibatches(learner.batch(), 1)
@@ -27,6 +41,17 @@ def test_gradients_are_autograds(craft, settings):
         start = network.tensors[name].storage_offset()
         own = learner.adam.gradient[start : start + gradient.numel()].view(gradient.shape)
         assert (own - gradient).norm() <= 1e-5 * gradient.norm(), name
+
+
+def test_a_loss_that_is_no_arithmetic_is_left_to_autograd_and_says_so():
+    learner = tiny_learner()
+    learner.loss = lambda sample: PPOLearner.loss(learner, sample)._replace(  # type: ignore[method-assign]
+        loss=sample.value.square()
+    )
+    learner.collect()
+    with pytest.warns(RansWarning, match="left to autograd.*square"):
+        learner.update()
+    assert learner.description == ""
 
 
 @pytest.mark.parametrize(

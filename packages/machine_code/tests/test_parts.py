@@ -8,9 +8,9 @@ import pytest
 import torch
 
 from rans.base.registry import Registry
-from rans.compile import machine_code as seam
 from rans.episode.flight_statistics import FlightStatistics
 from rans.episode.step import Setup
+from rans.fast import machine_code as seam
 from rans.fast.flights import Flights
 from tests.support.engines import PLATFORM
 from tests.support.kernel_flights import policy, setup

@@ -1,15 +1,13 @@
-"""Learning algorithms by name: PPO, and those that installed packages offer (entry points ``rans.learners``)."""
+"""Base class of learning algorithms, which `rans.fast.learn.learners` has by name."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.base.errors import ConfigError, brief
-from rans.base.registry import Registry
-from rans.base.structure import structure
+from rans.fast.learn.learners import LEARNERS
 
 if TYPE_CHECKING:
     from rans.fast.learn.config import TrainConfig
@@ -66,7 +64,7 @@ class Algorithm(ABC):
         """
 
 
-def _checked(loaded: Any) -> type[Algorithm]:
+def checked_algorithm(loaded: Any) -> type[Algorithm]:
     """The class, checked to be derived from `Algorithm`."""
     if not (isinstance(loaded, type) and issubclass(loaded, Algorithm)):
         raise ConfigError(
@@ -74,24 +72,6 @@ def _checked(loaded: Any) -> type[Algorithm]:
             f"{brief(loaded)}."
         )
     return loaded
-
-
-LEARNERS = Registry(
-    "learner",
-    "rans.learners",
-    {"ppo": "rans.fast.learn.ppo:PPOAlgorithm"},
-    _checked,
-)
-"""Class of every learning algorithm by its name in ``rans train --set algorithm=NAME``."""
-
-
-def own_settings(algorithm: str, table: Mapping[str, Any]) -> Any:
-    """Settings of an algorithm from a table of them, with defaults for those that it lacks.
-
-    Raises:
-        ConfigError: there is no such algorithm, or it has no such setting.
-    """
-    return structure(dict(table), LEARNERS[algorithm].settings, "learner")
 
 
 def with_algorithm(config: TrainConfig, algorithm: str) -> TrainConfig:

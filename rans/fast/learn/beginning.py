@@ -9,12 +9,12 @@ from typing import get_args
 import torch
 
 from rans.base.errors import ConfigError, NonFiniteState
-from rans.compile.machine_code import compiled_preprocessor
 from rans.effectors.commands import allowed, is_identity
 from rans.fast.engine import Engine
 from rans.fast.learn.config import PPOSettings, Precision
 from rans.fast.learn.learner import Learner, Made, Making
 from rans.fast.learn.ppo import PPOLearner
+from rans.fast.machine_code import compiled_preprocessor
 from rans.policy.adaptation import ESTIMATORS
 from rans.policy.architecture import Architecture
 from rans.policy.backbone_registry import backbone

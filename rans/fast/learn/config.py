@@ -26,8 +26,8 @@ from rans.base.pretrained import RECIPE_FOLDER, agent_recipes
 from rans.base.registry import typed
 from rans.base.structure import LARGEST_TOML, merged, read_toml, refuse_other_file, structure
 from rans.fast.device import torch_device
-from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.curriculum import Ramp, check_ramps
+from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.model.timing import Timing

@@ -12,7 +12,7 @@ from rans.fast.agent_files.agent import read_policy
 from rans.fast.engine import Engine
 from rans.fast.learn.run_folder import RunFolder
 from rans.policy.architecture import EXTRACTOR, Architecture
-from rans.policy.backbone_registry import any_craft
+from rans.policy.backbones import any_craft
 from rans.policy.network import Network
 
 _SETTLED = 1e12

@@ -6,36 +6,31 @@ SB3; another order of random numbers is another training.
 
 from __future__ import annotations
 
+import warnings
+from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import torch
 from torch import Tensor
 
-from rans.compile.machine_code import GradientBackend, machine_code
+from rans.base.errors import RansWarning
+from rans.base.files import first_line
 from rans.fast.engine import Engine
 from rans.fast.learn.adam import Adam
 from rans.fast.learn.algorithms import Algorithm
+from rans.fast.learn.batch import Batch, Losses, LossInputs
 from rans.fast.learn.config import PPOSettings, ScheduleSettings, TrainConfig
 from rans.fast.learn.graph import fused, graphed
-from rans.fast.learn.rollout import Acted, Batch, Rollout, gae, minibatches, remember
+from rans.fast.learn.rollout import Acted, Rollout, gae, minibatches, remember
+from rans.fast.machine_code import GradientBackend, machine_code
+from rans.model.fields import absolute, exp, where, within
 from rans.model.spacecraft import Spacecraft
+from rans.model.trace import UNTRACEABLE
 from rans.policy.network import Network
 
 MIN_LEARNING_RATE = 1e-5
 """Lower bound of the adapted step size, except while it is annealed."""
-
-
-class Losses(NamedTuple):
-    """Loss and its parts, by the names of SB3; () each."""
-
-    loss: Tensor
-    policy_gradient_loss: Tensor
-    value_loss: Tensor
-    entropy_loss: Tensor
-    approx_kl: Tensor
-    """KL divergence from the policy of the rollout (Schulman, "Approximating KL divergence", 2020)."""
-    clip_fraction: Tensor
 
 
 STATISTICS = (*Losses._fields, "grad_norm")
@@ -88,7 +83,16 @@ class PPOLearner:
         code = machine_code(self.engine.device.type)
         if code is None or self._samples is None:
             return None
-        return code.gradient(self.network, self.adam, self.settings, self._samples)
+        try:
+            return code.gradient(self.network, self.adam, self.loss, self._samples)
+        except UNTRACEABLE as error:
+            warnings.warn(
+                "the loss of PPO is left to autograd, which takes longer, as it is not arithmetic on fields "
+                f"(rans.model.fields), from which machine code is made: {first_line(error)}",
+                RansWarning,
+                stacklevel=2,
+            )
+            return None
 
     @property
     def description(self) -> str:
@@ -131,6 +135,32 @@ class PPOLearner:
         self._generator.set_state(random.cpu())
         if self.rollout.memory is not None:
             self.rollout.memory.copy_(self.processes.mine(saved["memory"]))
+
+    def loss(self, sample: LossInputs) -> Losses:
+        """Loss of one transition: clipped surrogate and squared value error, as SB3's without an entropy bonus.
+
+        It is written over fields (`rans.model.fields`): torch computes its gradient, and machine code is made from
+        it with its derivatives, so that what changes here is trained everywhere. A learner that derives from this
+        one may have another; with functions of torch it is left to autograd, with a warning.
+        """
+        clip_range = self.settings.clip_range
+        # Clipped surrogate objective.
+        log_ratio = sample.log_prob - sample.old_log_prob
+        ratio = exp(log_ratio)
+        gain = sample.advantage * ratio
+        clipped = sample.advantage * within(ratio, 1.0 - clip_range, 1.0 + clip_range)
+        surrogate = -where(gain <= clipped, gain, clipped)
+        # Value, and statistics.
+        error = sample.target - sample.value
+        value = error * error
+        return Losses(
+            surrogate + self.settings.vf_coef * value,
+            surrogate,
+            value,
+            -sample.entropy,
+            (ratio - 1.0) - log_ratio,
+            where(absolute(ratio - 1.0) > clip_range, 1.0, 0.0),
+        )
 
     # Collect: fly every environment for T steps by random actions.
 
@@ -233,7 +263,7 @@ class PPOLearner:
         result = (
             Losses(*self.backend(part))
             if self.backend is not None
-            else self._losses(self.network, part, self.settings)
+            else self._losses(self.network, part, self.loss)
         )
         norm = self.adam.descend(result.loss, self.settings.max_grad_norm, self.processes)
         return torch.stack((*result, norm)).detach()
@@ -294,22 +324,13 @@ def preprocessed(
     )
 
 
-def losses(network: Network, batch: Batch, settings: PPOSettings) -> Losses:
-    """Clipped surrogate and squared value error of a minibatch, equal to those of SB3 without an entropy bonus."""
+def losses(network: Network, batch: Batch, loss: Callable[[LossInputs], Losses]) -> Losses:
+    """Means of the losses of a minibatch, () each; `PPOLearner.backend` has their gradients too."""
     output = network.evaluate_seen(batch.columns, batch.memory, batch.privileged)
-    # Clipped surrogate objective.
-    log_ratio = output.policy.log_prob(batch.action) - batch.log_prob
-    ratio = log_ratio.exp()
-    clip_range = settings.clip_range
-    clipped = ratio.clamp(1 - clip_range, 1 + clip_range)
-    surrogate = -torch.minimum(batch.advantage * ratio, batch.advantage * clipped).mean()
-    value = (batch.target - output.value).square().mean()
-    loss = surrogate + settings.vf_coef * value
-    with torch.no_grad():
-        entropy = -output.policy.entropy().mean()
-        divergence = ((ratio - 1) - log_ratio).mean()
-        clip_fraction = ((ratio - 1).abs() > clip_range).to(ratio.dtype).mean()
-    return Losses(loss, surrogate, value, entropy, divergence, clip_fraction)
+    policy = output.policy
+    chosen = policy.log_prob(batch.action), policy.entropy(), output.value
+    each = loss(LossInputs(*chosen, batch.log_prob, batch.advantage, batch.target))
+    return Losses(*(x.mean() for x in each))
 
 
 class PPOAlgorithm(Algorithm):

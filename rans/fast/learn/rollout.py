@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from rans.fast.engine import Engine
+from rans.fast.learn.batch import Batch
 from rans.fast.stepping.step import Step
 from rans.policy.network import Network
 
@@ -39,21 +40,6 @@ class Acted(NamedTuple):
     """Commands to the engine, (N, thrusters)."""
     memory: Tensor | None
     """Memory of the network after the step, (N, m)."""
-
-
-class Batch(NamedTuple):
-    """Transitions to learn from."""
-
-    columns: Tensor
-    """Preprocessed observations, see `Network.look`."""
-    action: Tensor
-    """Actions of the thrusters, in the order of that view."""
-    log_prob: Tensor
-    advantage: Tensor
-    target: Tensor
-    """Value target: the advantage plus the value at collection."""
-    memory: Tensor | None
-    privileged: Tensor | None
 
 
 class Rollout:

@@ -12,7 +12,7 @@ from rans.base.pretrained import FOR_ANY_CRAFT
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
 from rans.fast.learn.config import TrainConfig, from_table, to_table
-from rans.model.foreign import FORMATS
+from rans.model.foreign import is_foreign
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
 
@@ -126,7 +126,7 @@ class RunFolder:
             elif self.path.suffix in (".zip", ".onnx"):
                 kind = "sb3" if self.path.suffix == ".zip" else "onnx"
                 why = f"a policy of another library has a task in its name, {kind}:{self.path}:TASK-2d"
-            elif self.path.is_file() and self.path.suffix in FORMATS:
+            elif self.path.is_file() and is_foreign(self.path):
                 toml = self.path.with_suffix(".toml").name
                 why = f"`rans init {toml} --from {self.path}` makes a spacecraft of the file"
             elif self.path.exists():

@@ -22,24 +22,24 @@ from rans.base.errors import (
     installing,
 )
 from rans.base.files import inside_for_others, replace_file
-from rans.compile.machine_code import machine_code
 from rans.episode.step import Guard
 from rans.fast.agent_files.agent import agent_bytes
 from rans.fast.agent_files.tensors import pack_tensors
 from rans.fast.distributed import ALONE, Processes
 from rans.fast.engine import Engine
-from rans.fast.learn.algorithms import LEARNERS, own_settings
 from rans.fast.learn.beginning import begin, statistics
 from rans.fast.learn.config import TrainConfig
 from rans.fast.learn.curriculum import Curriculum
 from rans.fast.learn.events import Events
 from rans.fast.learn.graph import as_written, calls_until_recorded
+from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.policy_file import begin_from, teacher
 from rans.fast.learn.run_folder import RunFolder
 from rans.fast.learn.selection import Selection
+from rans.fast.machine_code import machine_code
 from rans.fast.stepping.step import field_dtype
 from rans.model.spacecraft import Spacecraft
-from rans.policy.backbone_registry import any_craft
+from rans.policy.backbones import any_craft
 from rans.policy.network import Network
 from rans.randomization.plausible import warn_of_implausible
 from rans.tasks.feasible import check_feasible

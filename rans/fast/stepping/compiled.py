@@ -15,9 +15,9 @@ import torch
 from torch import Tensor
 
 from rans.base.errors import RansWarning
-from rans.compile.machine_code import GeneratedStep, machine_code
 from rans.compile.step_program import trace_step
 from rans.episode.step import Episode, World
+from rans.fast.machine_code import GeneratedStep, machine_code
 from rans.fast.stepping.step import Backend, Step, step_arrays, step_tensors
 from rans.model.random import Draws
 from rans.model.trace import UNTRACEABLE

@@ -7,9 +7,10 @@ import torch
 from torch import Tensor
 
 from rans.base.errors import NonFiniteState
+from rans.fast.learn.batch import Losses
 from rans.fast.learn.beginning import statistics
 from rans.fast.learn.config import ScheduleSettings
-from rans.fast.learn.ppo import Losses, PPOLearner
+from rans.fast.learn.ppo import PPOLearner
 from tests.support.engines import PLATFORM, both_crafts
 from tests.support.training import (
     TINY,

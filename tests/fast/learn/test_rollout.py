@@ -9,9 +9,10 @@ import torch
 from stable_baselines3.common.callbacks import ConvertCallback
 
 from rans import Engine
+from rans.fast.learn.batch import Batch
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.ppo import PPOLearner
-from rans.fast.learn.rollout import Acted, Batch, Rollout, Slot, minibatches, remember
+from rans.fast.learn.rollout import Acted, Rollout, Slot, minibatches, remember
 from rans.fast.stepping.step import Step
 from tests.support.engines import FLYER, PLATFORM, both_crafts
 from tests.support.training import TINY, sb3_twin, scatter, tiny_learner

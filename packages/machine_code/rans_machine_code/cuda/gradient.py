@@ -19,11 +19,10 @@ from rans.extend import (
     Batch,
     Capabilities,
     Network,
-    PPOSettings,
 )
 from rans_machine_code.cuda.design import padded, up
 from rans_machine_code.cuda.update import UpdateKernels
-from rans_machine_code.loss_gradient import WITH_SLOPE
+from rans_machine_code.loss_gradient import WITH_SLOPE, Loss
 
 _ALIGNED = 16
 """Multiple to which inputs and outputs are padded, as fast products of bfloat16 need; presets have such layers."""
@@ -38,7 +37,7 @@ class MatrixGradient:
     Args:
         network: network for which `fits` is true.
         adam: optimizer, whose `gradient` keeps its address.
-        settings: coefficients of the losses.
+        loss: of a transition.
     """
 
     description: ClassVar[str] = "products of matrices"
@@ -54,11 +53,10 @@ class MatrixGradient:
         units = architecture.layers
         return not can.missing(architecture) and len(units) == 2 and not any(x % 8 for x in units)
 
-    def __init__(self, network: Network, adam: Adam, settings: PPOSettings) -> None:
+    def __init__(self, network: Network, adam: Adam, loss: Loss) -> None:
         architecture = network.architecture
         self._network = network
         self._adam = adam
-        self._settings = settings
         self._trunks = [f"{EXTRACTOR}{name}" for name in ("trunk", "critic")]
         self._trunks = self._trunks[: 2 if architecture.privileged else 1]
         self._columns = architecture.inputs + architecture.privileged
@@ -68,7 +66,7 @@ class MatrixGradient:
         self._heads = up(architecture.thrusters + 1, _ALIGNED)
         """Outputs: log-odds of the thrusters, the value, and zeros."""
         self._activation = architecture.activation_module()
-        self.kernels = UpdateKernels(architecture, self._heads, settings)
+        self.kernels = UpdateKernels(architecture, self._heads, loss)
         # Sums of an update, and which of them are the gradient of which number of Adam's row, with which sign.
         first, second = architecture.layers
         trunks = len(self._trunks)
@@ -140,8 +138,7 @@ class MatrixGradient:
         found = (_product(d_first.T, x), *d_seconds, biases.sum(dim=0), d_heads, d_head_bias)
         row = torch.cat([x.flatten() for x in found])[self._from]
         torch.mul(row, self._sign, out=self._adam.gradient).div_(len(x))
-        surrogate, value, *rest = (statistics / len(x)).unbind()
-        return surrogate + self._settings.vf_coef * value, surrogate, value, *rest
+        return (statistics / len(x)).unbind()
 
     def _parted(self, numbers: Tensor) -> list[Tensor]:
         """Numbers as `_shapes`: all first layers, each second one, their biases, heads with theirs."""
@@ -185,7 +182,7 @@ class MatrixGradient:
 
 
 def matrix_gradient(
-    network: Network, adam: Adam, settings: PPOSettings, samples: int
+    network: Network, adam: Adam, loss: Loss, samples: int
 ) -> MatrixGradient | None:
     """Gradients of minibatches of any size.
 
@@ -194,7 +191,7 @@ def matrix_gradient(
     is_float = adam.row.dtype == torch.float32
     if not (is_float and network.architecture.bf16 and MatrixGradient.fits(network)):
         return None
-    gradient = MatrixGradient(network, adam, settings)
+    gradient = MatrixGradient(network, adam, loss)
     with contextlib.suppress(OSError):
         return gradient if gradient.kernels.functions else None
     return None

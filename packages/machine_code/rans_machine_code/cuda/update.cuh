@@ -1,5 +1,5 @@
 // What an update does between its products of matrices, which take bfloat16. Text before this one defines
-// THRUSTERS and HEADS, a multiple of 8, and the functions `transition` and `through`. Every thread has many
+// THRUSTERS, HEADS, a multiple of 8, STATISTICS and the functions `transition` and `through`. Every thread has many
 // rows and writes their sums, so that the order of sums is fixed.
 
 // A number of bfloat16 by its bits, and the nearest one; ties to even.
@@ -18,7 +18,7 @@ extern "C" __global__ void __launch_bounds__(128) losses(
     const float* target, unsigned short* derivatives, float* sums, const int count, const int threads) {
   const int thread = blockIdx.x * blockDim.x + threadIdx.x;
   if (thread >= threads) return;
-  float found[HEADS + 5] = {}, sum[HEADS + 5] = {};
+  float found[HEADS + STATISTICS] = {}, sum[HEADS + STATISTICS] = {};
   for (size_t i = thread; i < count; i += threads) {
     float output[HEADS];
 #pragma unroll
@@ -43,10 +43,10 @@ extern "C" __global__ void __launch_bounds__(128) losses(
       write(derivatives, i * (HEADS / 8) + p, part);
     }
 #pragma unroll
-    for (int k = 0; k < HEADS + 5; ++k) sum[k] += found[k];
+    for (int k = 0; k < HEADS + STATISTICS; ++k) sum[k] += found[k];
   }
 #pragma unroll
-  for (int k = 0; k < HEADS + 5; ++k) sums[size_t(k) * threads + thread] = sum[k];
+  for (int k = 0; k < HEADS + STATISTICS; ++k) sums[size_t(k) * threads + thread] = sum[k];
 }
 
 // Derivatives before an activation from its values and the derivatives after it, in rows of so many groups of 8,

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from functools import cached_property, reduce
+from functools import cached_property
 from importlib.resources import files
-from operator import add
 
 import torch
 from torch import Tensor
 
-from rans.extend import ACTIVATIONS, Architecture, PPOSettings, Symbol
+from rans.extend import ACTIVATIONS, Architecture, Symbol
 from rans_machine_code.cuda.launch import Function
 from rans_machine_code.cuda.source import Lines, indented
-from rans_machine_code.loss_gradient import STATISTICS, d_logit, opening_term, transition_losses
+from rans_machine_code.loss_gradient import STATISTICS, Loss, LossProgram
 
 _THREADS = 128
 """Threads of a block of the kernels; the launch bounds in update.cuh are the same number."""
@@ -27,10 +26,10 @@ class UpdateKernels:
     Args:
         architecture: of a network with on/off thrusters and an activation that has a slope.
         heads: outputs of the network with their padding, a multiple of 8.
-        settings: coefficients of the losses.
+        loss: of a transition.
     """
 
-    def __init__(self, architecture: Architecture, heads: int, settings: PPOSettings) -> None:
+    def __init__(self, architecture: Architecture, heads: int, loss: Loss) -> None:
         self._heads = heads
         functions, kernels = (
             files("rans_machine_code.cuda").joinpath(f"{name}.cuh").read_text()
@@ -41,8 +40,9 @@ class UpdateKernels:
                 "typedef float real;",
                 f"#define THRUSTERS {architecture.thrusters}",
                 f"#define HEADS {heads}",
+                f"#define STATISTICS {STATISTICS}",
                 functions,
-                *_transition(architecture.thrusters, heads, settings),
+                *_transition(architecture.thrusters, heads, loss),
                 *_through(architecture.activation),
                 kernels,
             )
@@ -98,29 +98,13 @@ class UpdateKernels:
             self.functions[name].launch(blocks, _THREADS, pointers, numbers)
 
 
-def _transition(thrusters: int, heads: int, settings: PPOSettings) -> Iterator[str]:
+def _transition(thrusters: int, heads: int, loss: Loss) -> Iterator[str]:
     """The function `transition` in CUDA C++."""
-    *logits, value = (Symbol.input(f"output[{k}]") for k in range(thrusters + 1))
-    commands = [Symbol.input(f"command[{k}]") for k in range(thrusters)]
-    choices = [*map(opening_term, logits, commands)]
-    log_probs, entropies, openings = zip(*choices, strict=True)
-    log_prob, advantage, target = map(Symbol.input, ("log_prob", "advantage", "target"))
-    losses = transition_losses(
-        reduce(add, log_probs),
-        reduce(add, entropies),
-        value,
-        log_prob,
-        advantage,
-        target,
-        settings.clip_range,
-        settings.vf_coef,
-    )
-    found = [d_logit(*each, losses.d_log_prob) for each in zip(commands, openings, strict=True)]
+    roots = LossProgram.of(thrusters, loss).roots
     places = [*range(thrusters + 1), *range(heads, heads + STATISTICS)]
     yield "__device__ inline void transition("
     yield "    const real* output, const real* command, real log_prob, real advantage, real target, real* found) {"
     lines = Lines()
-    roots = [*found, losses.d_value, *losses.statistics]
     yield from indented(lines.values(roots))
     yield from (
         f"  found[{place}] = {lines.operand(root)};"

@@ -12,9 +12,10 @@ from rans_machine_code.cuda.gradient import MatrixGradient, matrix_gradient
 from torch import Tensor
 from torch.nn import functional
 
+from rans.fast.learn.batch import Batch
 from rans.fast.learn.config import MemorySettings
 from rans.fast.learn.ppo import PPOLearner, losses
-from rans.fast.learn.rollout import Batch, minibatches
+from rans.fast.learn.rollout import minibatches
 from tests.support.engines import FLYER, PLATFORM
 from tests.support.host_kernels import launch_on_host, needs_compiler
 from tests.support.training import collected, tiny_learner
@@ -65,11 +66,11 @@ def agree(
     learner.backend = kernel
     prepared = learner.batch()
     (part,) = minibatches(batch, 1)
-    loss = losses(network, part, learner.settings).loss
+    loss = losses(network, part, learner.loss).loss
     plain = torch.autograd.grad(loss, [network.tensors[name] for name in network.learnt])
     network._through = rounding(network.activation)  # type: ignore[method-assign]
     (part,) = minibatches(batch, 1)
-    exact = losses(network, part, learner.settings)
+    exact = losses(network, part, learner.loss)
     gradients = torch.autograd.grad(exact.loss, [network.tensors[name] for name in network.learnt])
     learner.adam.gradient.fill_(float("nan"))
     (part,) = minibatches(prepared, 1)
@@ -109,7 +110,7 @@ def test_products_find_what_autograd_finds(craft, settings, own_critic, device, 
     # 2^-8 of all units may then be on the other side of zero, whose slopes are the root of that of the norm.
     # An H200 differs by 3.3 to 6 %.
     shares = (2.0**-4, 0.7) if device == "cuda" else (0.02, 0.0)
-    kernel = matrix_gradient(learner.network, learner.adam, learner.settings, len(batch.columns))
+    kernel = matrix_gradient(learner.network, learner.adam, learner.loss, len(batch.columns))
     assert kernel is not None
     agree(kernel, learner, batch, *shares)
 

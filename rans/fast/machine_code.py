@@ -24,8 +24,7 @@ from rans.policy.symmetry import Symmetries
 
 if TYPE_CHECKING:
     from rans.fast.learn.adam import Adam
-    from rans.fast.learn.config import PPOSettings
-    from rans.fast.learn.rollout import Batch
+    from rans.fast.learn.batch import Batch, Losses, LossInputs
     from rans.fast.stepping.step import Step
     from rans.policy.network import Network
 
@@ -83,8 +82,8 @@ class MachineCode(NamedTuple):
     preprocessor: Callable[[Architecture, TorchPreprocessor, Tensor], ColumnExecutor]
     """Preprocessor of a network whose tensors have the device and dtype of one; it leaves to torch's what it cannot
     compute."""
-    gradient: Callable[[Network, Adam, PPOSettings, int], GradientBackend | None]
-    """Gradients of minibatches of so many samples; None: of other networks than these."""
+    gradient: Callable[[Network, Adam, Callable[[LossInputs], Losses], int], GradientBackend | None]
+    """Gradients of a loss over minibatches of so many samples; None: of other networks than these."""
     flights: Callable[[World, Network, torch.device, Products], WholeFlights]
     """Flights of a policy in float32."""
 
