@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from rans.cli.door import Options as Options
     from rans.cli.door import command_of as command_of
     from rans.cli.door import word as word
-    from rans.compile.machine_code import MachineCode as MachineCode
     from rans.compile.step_program import StepProgram as StepProgram
     from rans.control.allocation import inertia as inertia
     from rans.control.regulator import ModelBased as ModelBased
@@ -72,6 +71,7 @@ if TYPE_CHECKING:
     from rans.effectors.effector import Begun as Begun
     from rans.effectors.effector import Effector as Effector
     from rans.effectors.effector import JointMotion as JointMotion
+    from rans.effectors.effector import Push as Push
     from rans.episode.environment import observation_space as observation_space
     from rans.episode.flight import Controller as Controller
     from rans.episode.flight import Flight as Flight
@@ -93,11 +93,11 @@ if TYPE_CHECKING:
     from rans.episode.verdict import last_fifth as last_fifth
     from rans.evaluation.compare.bounds import Bound as Bound
     from rans.evaluation.compare.bounds import Event as Event
-    from rans.evaluation.compare.bounds import certificates as certificates
     from rans.evaluation.compare.bounds import check_certifiable as check_certifiable
     from rans.evaluation.compare.bounds import check_finite as check_finite
     from rans.evaluation.compare.bounds import check_period as check_period
     from rans.evaluation.compare.bounds import rounded_up as rounded_up
+    from rans.evaluation.compare.certificates import certificates as certificates
     from rans.evaluation.compare.contest import Contest as Contest
     from rans.evaluation.compare.run import Comparison as Comparison
     from rans.evaluation.fly.agent import LoadedRun as LoadedRun
@@ -106,7 +106,7 @@ if TYPE_CHECKING:
     from rans.evaluation.fly.contestants import view_command as view_command
     from rans.evaluation.fly.episodes import fly_draws as fly_draws
     from rans.evaluation.fly.exported import read_contract as read_contract
-    from rans.evaluation.fly.user_policy import ForeignPolicy as ForeignPolicy
+    from rans.evaluation.fly.policy_text import ForeignPolicy as ForeignPolicy
     from rans.evaluation.measure.aggregate import Metrics as Metrics
     from rans.evaluation.measure.metrics import Sample as Sample
     from rans.evaluation.measure.metrics import impulses as impulses
@@ -116,18 +116,20 @@ if TYPE_CHECKING:
     from rans.evaluation.measure.statistics import Estimate as Estimate
     from rans.evaluation.problems import Problem as Problem
     from rans.fast.device import torch_device as torch_device
-    from rans.fast.engine import Engine as Engine
     from rans.fast.learn.adam import Adam as Adam
     from rans.fast.learn.algorithms import Algorithm as Algorithm
+    from rans.fast.learn.batch import Batch as Batch
+    from rans.fast.learn.batch import Losses as Losses
+    from rans.fast.learn.batch import LossInputs as LossInputs
     from rans.fast.learn.config import PPOSettings as PPOSettings
     from rans.fast.learn.config import TrainConfig as TrainConfig
     from rans.fast.learn.config import craft_of as craft_of
     from rans.fast.learn.graph import fused as fused
     from rans.fast.learn.rollout import Acted as Acted
-    from rans.fast.learn.rollout import Batch as Batch
     from rans.fast.learn.rollout import Rollout as Rollout
     from rans.fast.learn.rollout import remember as remember
     from rans.fast.learn.run_folder import RunFolder as RunFolder
+    from rans.fast.machine_code import MachineCode as MachineCode
     from rans.fast.stepping.step import Step as Step
     from rans.model import fields as fields
     from rans.model.actuators import ON_OFF as ON_OFF
@@ -183,7 +185,7 @@ if TYPE_CHECKING:
     from rans.policy.adaptation import Rows as Rows
     from rans.policy.architecture import EXTRACTOR as EXTRACTOR
     from rans.policy.architecture import Architecture as Architecture
-    from rans.policy.backbones import Backbone as Backbone
+    from rans.policy.backbones import AnyCraftBackbone as AnyCraftBackbone
     from rans.policy.capabilities import Capabilities as Capabilities
     from rans.policy.frame_rotation import cross as cross
     from rans.policy.frame_rotation import vector_in_rotated_frame as vector_in_rotated_frame
@@ -213,13 +215,11 @@ if TYPE_CHECKING:
     from rans.show.pages.page import Section as Section
     from rans.show.pages.page import say as say
     from rans.show.progress import watched as watched
-    from rans.tasks import TASKS as TASKS
     from rans.tasks.base import SingleTask as SingleTask
     from rans.tasks.base import Task as Task
     from rans.tasks.derived import example_state as example_state
     from rans.tasks.derived import is_constrained as is_constrained
     from rans.tasks.derived import observation_width as observation_width
-    from rans.tasks.go_to_pose import GoToPose as GoToPose
     from rans.tasks.goal_set import REST_SPEED as REST_SPEED
     from rans.tasks.goal_set import REST_SPIN as REST_SPIN
     from rans.tasks.goal_set import aims as aims

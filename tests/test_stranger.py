@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,39 +12,30 @@ import pytest
 
 import rans
 from rans import GoToPose
+from rans.api.pages import FILMS
+from rans.base.files import write_text
+from rans.base.registry import Registry
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import trust_option
+from rans.deploy.forms import FORMATS, Format
+from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.fast.learn.algorithms import LEARNERS
+from rans.evaluation.fly.policy_text import FLIGHTS, POLICIES
 from rans.fast.learn.config import TrainConfig
-from rans.model.spacecraft import CommandRange
-from rans.model.spacecraft_file import EFFECTORS, load_spacecraft, to_toml
+from rans.fast.learn.learners import LEARNERS
+from rans.model.foreign import IMPORTERS
+from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT, load_spacecraft, to_toml
+from rans.randomization.conditions_file import CONDITIONS
 from rans.show.tables.listing import spacecraft_listing
-from tests.support.torquer import Torquer
+from rans.tasks import TASKS
+from tests.support.torquer import Fan
 from validation.study.checks import Skipped
 from validation.study.oracles import oracle_checks
-
-
-class Fan(Torquer):
-    """Turns the craft, and has no store."""
-
-    @property
-    def commands(self) -> tuple[CommandRange, ...]:
-        return (CommandRange("fan", "fan", 0.0, 1.0),)
-
-    @property
-    def stores(self) -> tuple[Any, ...]:
-        return ()
-
-    def begin(self, begun: Any) -> Any:
-        (command,) = begun.command
-        return super().begin(begun._replace(stores=(0.0 * command + begun.period,)))
-
 
 CRAFT = replace(
     load_spacecraft("floating-platform"),
     name="blown",
-    further_effectors=(Fan((0.0, 0.0, 1.0), 0.01, 1.0),),
+    further_effectors=(Fan(0.01, (0.1, 0.0, 0.0)),),
 )
 
 
@@ -105,3 +98,80 @@ def test_rivals_that_nobody_asked_for_and_cannot_fly_are_one_sentence(tmp_path):
     (sentence,) = found.notes  # and none about bounds, of which none is asked
     assert "lqr and switching and mpc" in sentence
     assert rans.compare(who, beside=["lqr"], episodes=1, certified=0).failures
+
+
+def of_box(path: Path, name: str, base: Any) -> tuple[Any, str, tuple[str, ...]]:
+    """Boxes."""
+    return replace(base, name=name, mass=float(path.read_text())), "a box", ()
+
+
+def film(flights: Any, file: Path, progress: Any = None, check: bool = False) -> None:
+    """Films of one line."""
+    if not check:
+        file.write_text(f"{len(flights)} flights")
+
+
+def shut(given: Any, craft: Any, task: Any, trust: bool) -> Any:
+    """Policies that open nothing."""
+    return lambda seen, memory, starts: (np.zeros((len(seen), craft.command_count)), None)
+
+
+def outlined(folder: Path, program: Any, *_: Any) -> None:
+    """Names of inputs alone."""
+    write_text(folder / "agent.outline", str(program))
+
+
+STRANGERS: list[tuple[Registry[Any], str, Any]] = [
+    (IMPORTERS, "box", of_box),
+    (FILMS, "webm", film),
+    (POLICIES, "jaxy", shut),
+    (FLIGHTS, "flown", lambda file, setup: Still(*setup[:3])),
+    (FORMATS, "outlined", Format(outlined)),
+    (EFFECTORS, "fan", Fan),
+    (LEARNERS, "reinforce", LEARNERS["ppo"]),
+    (CONTROLLERS, "still", Still),
+    (TASKS, "mine", GoToPose),
+    (SPACECRAFT, "blown", CRAFT),
+    (CONDITIONS, "calm", rans.Conditions()),
+]
+"""An entry of each group whose names a user types."""
+ASKED_FOR = {
+    *("backbones", "certificates", "commands", "drake_effectors", "drake_frames", "estimators"),
+    *("exporters", "machine_code", "metrics", "problems", "public", "references"),
+    *("report_sections", "safety_filters"),
+}
+"""Groups whose names say what an entry is of: nobody types them."""
+
+
+@pytest.fixture
+def strangers(monkeypatch) -> None:
+    for registry, name, value in STRANGERS:
+        monkeypatch.setattr(registry, "own", {})
+        registry.register(name)(value)
+
+
+def test_every_group_whose_names_a_user_types_lists_a_strangers_entry(strangers, ran):
+    names = {
+        match
+        for file in Path(rans.__file__).parent.rglob("*.py")
+        for match in re.findall(r"Registry\([^)]*?\"(rans\.\w+)\"", file.read_text("utf-8"))
+    }
+    known = {registry.group for registry, *_ in STRANGERS}
+    assert names == known | {f"rans.{name}" for name in ASKED_FOR}
+    listed = ran("list")
+    for registry, name, _ in STRANGERS:
+        assert re.search(rf"\b{name}\b", listed), registry.group
+        assert ran("list", name)
+
+
+def test_a_strangers_entry_works_where_its_name_is_typed(strangers, ran, here):
+    Path("my.box").write_text("5.3")
+    assert rans.init_spacecraft("b", base="my.box", dimension=2).spacecraft.mass == 5.3
+    who = "jaxy:my.box:go-to-pose-2d"
+    rans.view(who, save="f.webm")
+    assert Path("f.webm").read_text() == "1 flights"
+    setup = contestant(who).judged
+    assert contestant("f.flown", default_setup=setup).controller.name == "still"
+    assert rans.evaluate(who, episodes=2).episodes == 2
+    rans.export("go-to-pose-2d", "out", format="outlined")
+    assert Path("out/agent.outline").read_text()

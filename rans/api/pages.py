@@ -164,22 +164,21 @@ def checked_kind(file: Path) -> Literal["page", "film", "picture"]:
         ConfigError: the ending is of none, the file cannot become a film, or nothing can be written there.
     """
     endings: dict[str, Literal["page", "film", "picture"]] = {
-        ".html": "page",
-        ".mp4": "film",
-        ".gif": "film",
-        ".png": "picture",
-        ".svg": "picture",
-        ".pdf": "picture",
+        **dict.fromkeys(FILMS, "film"),
+        "html": "page",
+        **dict.fromkeys(("png", "svg", "pdf"), "picture"),
     }
-    kind = endings.get(file.suffix.lower())
+    ending = file.suffix.lower()[1:]
+    kind = endings.get(ending)
     if kind is None:
+        films = " or ".join(f".{name}" for name in FILMS)
         raise ConfigError(
-            "save writes a page (.html), a film (.mp4 or .gif) or a picture (.png, .svg or .pdf), by the ending of "
+            f"save writes a page (.html), a film ({films}) or a picture (.png, .svg or .pdf), by the ending of "
             f"the file's name, got {str(file)!r}."
         )
     ready_folder(file.parent)
     if kind == "film":
-        FILMS[file.suffix.lower()[1:]]((), file, check=True)
+        FILMS[ending]((), file, check=True)
     return kind
 
 

@@ -272,7 +272,7 @@ def config_of(
     Raises:
         ConfigError: one of these does not exist, or they are not compatible.
     """
-    from rans.fast.learn.algorithms import LEARNERS, with_algorithm
+    from rans.fast.learn.algorithms import with_algorithm
     from rans.fast.learn.config import (
         change_entry,
         from_table,
@@ -280,6 +280,7 @@ def config_of(
         training,
         training_of_quality,
     )
+    from rans.fast.learn.learners import LEARNERS
     from rans.fast.learn.run_folder import read_config
 
     craft = None if spacecraft is None else load_spacecraft(spacecraft)

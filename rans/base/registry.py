@@ -120,8 +120,8 @@ class Registry(Mapping[str, T]):
     """Other forms that a user may give, for messages."""
     elsewhere: Mapping[str, str] = field(default_factory=dict)
     """Names by what such objects are called elsewhere, for messages."""
-    files: Mapping[str, str] = field(default_factory=dict)
-    """What to write for files of other software, by their suffixes, with {name} and {stem}."""
+    files: Callable[[str], str] = field(default=lambda file: "")
+    """What to write in place of a file of other software, with {name} and {stem}; empty: it is not known."""
     own: dict[str, T] = field(default_factory=dict, init=False)
     """What `register` has added in this process, by name."""
     announce: Callable[[str], object] = field(default=str, init=False)
@@ -322,7 +322,7 @@ def _docstring(reference: str) -> str:
     return ""
 
 
-def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:
+def _of_file(name: str, kind: str, files: Callable[[str], str]) -> str:
     """What to write for a name that is a file or a folder, or nearly one; else an empty text."""
     path = Path(name)
     try:
@@ -337,7 +337,7 @@ def _of_file(name: str, kind: str, files: Mapping[str, str]) -> str:
         return meant_file(name)
     if path.suffix.lower() == ".toml":
         return f" (it is a file; rename it to {path.with_suffix('.toml').name}, in small letters)"
-    if hint := files.get(path.suffix.lower()):
+    if hint := files(name):
         return f" ({hint.format(name=name, stem=path.stem)})"
     return " (it is a file, but its name does not end in .toml)"
 

@@ -96,7 +96,7 @@ def prospects(craft: Spacecraft) -> Iterator[str]:
     from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
     from rans.evaluation.fly.agent import load_policy
     from rans.evaluation.fly.choice import chosen
-    from rans.policy.backbone_registry import any_craft
+    from rans.policy.backbones import any_craft
 
     agent = FOR_ANY_CRAFT[craft.dimension]
     try:

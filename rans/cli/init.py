@@ -63,7 +63,7 @@ class Init(Options):
         from rans.base.pretrained import FOR_ANY_CRAFT
         from rans.cli.details import prospects
         from rans.cli.next_commands import training
-        from rans.policy.backbone_registry import any_craft
+        from rans.policy.backbones import any_craft
 
         # Control authority, whether it settles, and thrusters without which it still does.
         craft = draft.spacecraft

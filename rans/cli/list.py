@@ -54,6 +54,7 @@ class List:
         name = shlex.quote(self._named)
         follows: dict[str, tuple[str, ...]] = {
             "conditions": (),
+            "entry": (),
             "agent": (f"rans evaluate {name}",),
             "task": (f"rans train {name}",),
         }
@@ -95,6 +96,8 @@ class List:
         """Printed parts of a list, or of an object, whose details load it."""
         if kind in _LISTS:
             return _LISTS[kind]()
+        if kind == "entry":
+            return overview.entry(self._named)
         from rans.cli import details
 
         if kind in _LOADING_LISTS:
@@ -121,6 +124,8 @@ class List:
         for kind, names in names_of.items():
             if name in names:
                 return kind
+        if any(name in registry for _, registry in overview.SMALL):
+            return "entry"
         if name.endswith(".toml"):
             return _kind_of_file(Path(name))
         # Their refusal says how to make a file of them.

@@ -5,12 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from rans.api.pages import FILMS
 from rans.base.errors import EXTRAS, ConfigError, counted, installing
 from rans.base.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
 from rans.base.registry import Registry
 from rans.base.table import Table
+from rans.deploy.forms import FORMATS
 from rans.evaluation.fly.controllers import CONTROLLERS
-from rans.fast.learn.algorithms import LEARNERS
+from rans.evaluation.fly.policy_text import FLIGHTS, POLICIES
+from rans.fast.learn.learners import LEARNERS
+from rans.model.foreign import IMPORTERS
 from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
 from rans.randomization.conditions_file import CONDITIONS
 from rans.tasks import TASKS
@@ -69,9 +73,29 @@ def everything() -> Iterable[str | Table]:
     """All of all kinds."""
     for part in (all_spacecraft, _all_tasks, all_conditions, all_controllers):
         yield from part()
-    yield _in_a_line("Learners (rans train --set algorithm=NAME)", LEARNERS)
-    yield _in_a_line("Effectors (tables of a spacecraft's file)", EFFECTORS)
+    for what, registry in SMALL:
+        yield _in_a_line(what, registry)
     yield from all_agents()
+
+
+SMALL: tuple[tuple[str, Registry[Any]], ...] = (
+    ("Learners (rans train --set algorithm=NAME)", LEARNERS),
+    ("Effectors (tables of a spacecraft's file)", EFFECTORS),
+    ("Files of spacecraft (rans init mine.toml --from FILE.NAME)", IMPORTERS),
+    ("Export formats (rans export RUN --format NAME)", FORMATS),
+    ("Films (rans view RUN --save FILE.NAME)", FILMS),
+    ("Files of policies (NAME:FILE:TASK-2d)", POLICIES),
+    ("Files of flights (rans compare RUN FILE.NAME)", FLIGHTS),
+)
+"""What is listed by name alone, with the commands that take the names."""
+
+
+def entry(name: str) -> Iterable[str]:
+    """What a name of `SMALL` is, and which command takes it."""
+    for what, registry in SMALL:
+        if name in registry:
+            yield f"{_named(registry, name)}: {registry.summary(name)}"
+            yield what
 
 
 def _in_a_line(what: str, registry: Registry[Any]) -> str:

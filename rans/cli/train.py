@@ -198,7 +198,7 @@ class Train(Options):
 
         A comparison has the agent for any craft too, if one is named that flies this task and craft ``untrained``.
         """
-        from rans.fast.learn.algorithms import LEARNERS
+        from rans.fast.learn.learners import LEARNERS
 
         path = str(trainer.run.path)
         guard = ["--guard"] if trainer.config.guard else []

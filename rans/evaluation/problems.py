@@ -12,7 +12,15 @@ from rans.tasks.base import Task
 
 if TYPE_CHECKING:
     from rans.evaluation.compare.contest import Contest
-    from rans.evaluation.compare.run import Reference
+
+
+Reference = Callable[..., None]
+"""Adds to a comparison what is possible from its starts, each part as soon as it is finished: optima
+(`Comparison.relaxed`), bounds (`Comparison.certified`, of any of `Comparison.events`: a start counts for the events
+that have one), or a note that says why there are none. Its arguments are
+the comparison and, by their names, those of `Comparison.fly` from ``certified`` to ``returns``."""
+REFERENCES: Registry[Reference] = Registry("reference of comparisons", "rans.references")
+"""What installed packages compute beside flights, by what it is."""
 
 
 @dataclass(frozen=True)

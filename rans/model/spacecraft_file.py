@@ -31,7 +31,7 @@ from rans.base.languages import Toml
 from rans.base.registry import Registry, typed
 from rans.base.structure import LARGEST_TOML, read_toml, refuse_other_file, structure
 from rans.model.actuators import KINDS, WHOLE_PERIODS, Actuators, OnOff, Propellant, Wheel
-from rans.model.foreign import FORMATS
+from rans.model.foreign import is_foreign
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft, Thruster
 
@@ -77,6 +77,24 @@ def _is_spacecraft_class(found: Any) -> bool:
     return isinstance(found, type) and issubclass(found, Spacecraft)
 
 
+_UNREAD = {
+    ".xml": "MJCF is not read; write it as URDF for `rans init FILE.toml --from FILE`",
+    ".xacro": "xacro is a macro language; `xacro {name} > {stem}` writes the URDF that `rans init` reads",
+    **dict.fromkeys(
+        (".sdf", ".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
+        "it is not read; `rans init {stem}.toml` writes a file for the numbers of a spacecraft",
+    ),
+}
+"""What to write for files of other software that no package reads, by their suffixes."""
+
+
+def _instead(file: str) -> str:
+    """What to write in place of a file of other software; empty: nothing is known of such files."""
+    if is_foreign(file):
+        return "`rans init {stem}.toml --from {name}` makes a spacecraft of the file"
+    return _UNREAD.get(Path(file).suffix.lower(), "")
+
+
 SPACECRAFT = Registry(
     "spacecraft",
     "rans.spacecraft",
@@ -89,17 +107,7 @@ SPACECRAFT = Registry(
     },
     _described,
     ", or a file whose name ends in .toml",
-    files={
-        **dict.fromkeys(
-            FORMATS, "`rans init {stem}.toml --from {name}` makes a spacecraft of the file"
-        ),
-        ".xml": "MJCF is not read; write it as URDF for `rans init FILE.toml --from FILE`",
-        ".xacro": "xacro is a macro language; `xacro {name} > {stem}` writes the URDF that `rans init` reads",
-        **dict.fromkeys(
-            (".sdf", ".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
-            "it is not read; `rans init {stem}.toml` writes a file for the numbers of a spacecraft",
-        ),
-    },
+    files=_instead,
 )
 """Spacecraft by name."""
 

@@ -12,17 +12,8 @@ import torch
 from torch import Tensor
 
 import rans
-from rans.extend import (
-    Acted,
-    Adam,
-    Algorithm,
-    Engine,
-    Network,
-    PPOSettings,
-    Rollout,
-    TrainConfig,
-    remember,
-)
+from rans import Engine
+from rans.extend import Acted, Adam, Algorithm, Network, PPOSettings, Rollout, TrainConfig, remember
 from rans.fast.learn.rollout import gae
 
 

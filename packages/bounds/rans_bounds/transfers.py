@@ -51,7 +51,7 @@ SETTLING = (
 
 
 class Transfers:
-    """See `rans.evaluation.compare.bounds.Certificates`."""
+    """See `rans.evaluation.compare.certificates.Certificates`."""
 
     def check(self, craft: Spacecraft, task: Task, period: float) -> None:
         """Refuse (`ConfigError`) what has no bound, also where the package for its certificate is missing."""

@@ -12,9 +12,10 @@ from stable_baselines3.common.vec_env import VecEnv
 from stable_baselines3.common.vec_env.base_vec_env import VecEnvIndices, VecEnvObs, VecEnvStepReturn
 from torch import Tensor
 
+from rans import Engine
 from rans.base.settled import settled
 from rans.episode.environment import within
-from rans.extend import ConfigError, Engine, action_space, brief, checked, observation_space
+from rans.extend import ConfigError, action_space, brief, checked, observation_space
 from rans.fast.envs.actions import Actions
 
 

@@ -6,11 +6,10 @@ from dataclasses import fields
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans import load_spacecraft
+from rans import TASKS, load_spacecraft
 from rans.api.states import WrittenEndpoints
 from rans.extend import (
     EVALUATION_SEED,
-    TASKS,
     ConfigError,
     Event,
     Scenario,

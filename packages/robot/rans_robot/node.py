@@ -21,17 +21,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rans import TASKS
 from rans.base.registry import are_files_trusted
-from rans.extend import (
-    QUANTITIES,
-    TASKS,
-    ConfigError,
-    Task,
-    brief,
-    positive,
-    read_contract,
-    structure,
-)
+from rans.extend import QUANTITIES, ConfigError, Task, brief, positive, read_contract, structure
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.bus import Bus
 from rans_robot.frames import Motion

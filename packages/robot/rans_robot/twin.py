@@ -16,11 +16,11 @@ from typing import Any
 
 import numpy as np
 
+from rans import GoToPose
 from rans.extend import (
     MOST_STEPS,
     Conditions,
     ConfigError,
-    GoToPose,
     Setup,
     Spacecraft,
     Timing,

@@ -23,12 +23,12 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from rans import Engine
 from rans.extend import (
     Acted,
     Adam,
     Algorithm,
     ConfigError,
-    Engine,
     Network,
     PPOSettings,
     Rollout,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -18,11 +18,11 @@ from rans.base.display import NotebookRepr
 from rans.base.errors import ConfigError, RansError, counted, where_raised
 from rans.base.files import first_line
 from rans.base.progress import Progress, Stages, unseen_stages
-from rans.base.registry import Registry
 from rans.evaluation.compare import entrants
-from rans.evaluation.compare.bounds import Bound, Event, certificates
+from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.certificates import certificates
 from rans.evaluation.compare.contest import Contest, Contestant, Entry, Spending
-from rans.evaluation.problems import bounding
+from rans.evaluation.problems import REFERENCES, bounding
 
 _SLOW = ("mpc", "convex", "optimal")
 """Controllers that solve an optimal control problem at every step, and the bounds."""
@@ -321,12 +321,3 @@ def _entry(
             f"{contestant.name}: its solver stopped {flight.stopped} times; the plan before was flown on."
         )
     return Entry(contestant, flight)
-
-
-Reference = Callable[..., None]
-"""Adds to a comparison what is possible from its starts, each part as soon as it is finished: optima
-(`Comparison.relaxed`), bounds (`Comparison.certified`, of any of `Comparison.events`: a start counts for the events
-that have one), or a note that says why there are none. Its arguments are
-the comparison and, by their names, those of `Comparison.fly` from ``certified`` to ``returns``."""
-REFERENCES: Registry[Reference] = Registry("reference of comparisons", "rans.references")
-"""What installed packages compute beside flights, by what it is."""

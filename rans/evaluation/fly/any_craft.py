@@ -21,7 +21,7 @@ from rans.fast.learn.run_folder import RunFolder
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.model.timing import Timing
-from rans.policy.backbone_registry import any_craft
+from rans.policy.backbones import any_craft
 from rans.policy.network import Network
 from rans.policy.timing import flies_to_a_pose
 from rans.tasks import registered_name

@@ -23,7 +23,7 @@ from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
-from rans.policy.backbone_registry import any_craft
+from rans.policy.backbones import any_craft
 from rans.tasks.go_to_pose import GoToPose
 
 VALUES = (0.4, 0.3, 0.0)

@@ -268,7 +268,7 @@ class ContestantName:
             to_tolerances,
         )
         from rans.evaluation.fly.choice import chosen, chosen_period
-        from rans.policy.backbone_registry import any_craft
+        from rans.policy.backbones import any_craft
 
         if self.craft:
             craft = load_spacecraft(typed(self.craft))

@@ -14,21 +14,16 @@ from typing import NamedTuple
 
 from rans.base.errors import ConfigError, RansWarning, brief
 from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
-from rans.base.registry import Registry, are_files_trusted, typed
-from rans.episode.flight import Controller
+from rans.base.registry import are_files_trusted, typed
 from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent, LoadedRun, load_policy, run_of
 from rans.evaluation.fly.contestant_name import ContestantName, Kind
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.exported import is_exported, load_exported
+from rans.evaluation.fly.policy_text import FLIGHTS
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.model.spacecraft_file import USUAL, load_spacecraft
 from rans.tasks import TASKS, Task, registered_name
-
-FLIGHTS: Registry[Callable[[str, Setup], Controller]] = Registry(
-    "reader of flights", "rans.flights"
-)
-"""Readers of files with flights, by the ending of a file: of its name and the setup. What they make flies them."""
 
 
 class Terms(NamedTuple):
@@ -94,7 +89,8 @@ def _loaded(name: ContestantName, terms: Terms) -> LoadedRun:
 def _flights(name: ContestantName, terms: Terms) -> LoadedRun:
     """Flights of a file, in the setup of the first contestant."""
     assert terms.setup is not None
-    return LoadedRun(FLIGHTS["csv"](name.name, terms.setup), *terms.setup[:4])
+    read = FLIGHTS[Path(name.name).suffix.lower()[1:]]
+    return LoadedRun(read(name.name, terms.setup), *terms.setup[:4])
 
 
 def _policy(name: ContestantName, terms: Terms) -> LoadedRun:

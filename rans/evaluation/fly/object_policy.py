@@ -6,7 +6,8 @@ from typing import Any
 
 import cloudpickle
 
-from rans.evaluation.fly.user_policy import POLICIES, UserPolicy
+from rans.evaluation.fly.policy_text import POLICIES
+from rans.evaluation.fly.user_policy import UserPolicy
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 

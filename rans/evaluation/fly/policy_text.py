@@ -3,23 +3,54 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-USER_POLICIES = "sb3:FILE.zip, onnx:FILE or python:MODULE:FUNCTION"
-"""Forms of names that `user_policy` accepts, for messages and help.
+import numpy as np
 
-Each may end in :TASK-2d or -3d, with @SPACECRAFT, see `split_policy`.
-"""
+from rans.base.registry import Registry
+from rans.episode.flight import Controller
+from rans.episode.step import Setup
+from rans.model.spacecraft import Spacecraft
+from rans.tasks import Task
+
+ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any]]
+"""Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
+of where an episode begins, (N,) bool. It gives commands (N, commands), zeros and ones or numbers between, and the
+memory after them (None: there is none). It keeps nothing itself, so that many flights may ask it by turns."""
+
+POLICIES: Registry[Callable[[Any, Spacecraft, Task, bool], ForeignPolicy]] = Registry(
+    "reader of policies", "rans.policies"
+)
+"""Makers of policies, of the name of a file ("sb3", "onnx") or of an "object", of craft and task, and whether a
+file may run code. They refuse (`ConfigError`) what is no policy for these, or has a part that cannot be flown."""
+
+FLIGHTS: Registry[Callable[[str, Setup], Controller]] = Registry(
+    "reader of flights", "rans.flights"
+)
+"""Readers of files with flights, by the ending of a file: of its name and the setup. What they make flies them."""
+
+
+def _readers() -> list[str]:
+    """Kinds of files of policies, as texts begin with them."""
+    return [name for name in POLICIES if name != "object"]
+
+
+def forms() -> str:
+    """Forms of texts that name policies, for messages; each may end in :TASK-2d or -3d, with @SPACECRAFT."""
+    return f"{', '.join(f'{kind}:FILE' for kind in _readers())} or python:MODULE:FUNCTION"
 
 
 def is_user_policy(spec: str) -> bool:
-    """Whether a text names a policy of `USER_POLICIES`."""
-    return spec.startswith(("sb3:", "onnx:", "python:"))
+    """Whether a text names a policy of another library (`forms`)."""
+    kind, colon, _ = spec.partition(":")
+    return bool(colon) and kind in ("python", *_readers())
 
 
 def is_flights_file(spec: str) -> bool:
     """Whether the text of a contestant names a file of flights."""
-    return spec.lower().endswith(".csv")
+    return Path(spec).suffix.lower()[1:] in FLIGHTS
 
 
 def split_policy(spec: str) -> tuple[str, str]:

@@ -10,23 +10,12 @@ from typing import Any
 import numpy as np
 
 from rans.base.errors import ConfigError, RansError, brief, where_raised
-from rans.base.registry import Registry, resolve_typed
+from rans.base.registry import resolve_typed
 from rans.effectors.commands import check_commands, clipped
-from rans.evaluation.fly.policy_text import USER_POLICIES, is_user_policy
+from rans.evaluation.fly.policy_text import POLICIES, ForeignPolicy, forms, is_user_policy
 from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from rans.tasks.derived import observation_width
-
-ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any]]
-"""Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
-of where an episode begins, (N,) bool. It gives commands (N, commands), zeros and ones or numbers between, and the
-memory after them (None: there is none). It keeps nothing itself, so that many flights may ask it by turns."""
-
-POLICIES: Registry[Callable[[Any, Spacecraft, Task, bool], ForeignPolicy]] = Registry(
-    "reader of policies", "rans.policies"
-)
-"""Makers of policies, of the name of a file ("sb3", "onnx") or of an "object", of craft and task, and whether a
-file may run code. They refuse (`ConfigError`) what is no policy for these, or has a part that cannot be flown."""
 
 
 _ALONE = 16
@@ -51,7 +40,7 @@ class UserPolicy:
         self, spec: str, policy: ForeignPolicy, craft: Spacecraft, task: Task, trust: bool = False
     ) -> None:
         kind, _, file = spec.partition(":")
-        self.name = f"{kind}:{Path(file).name}" if kind in ("sb3", "onnx") else spec
+        self.name = f"{kind}:{Path(file).name}" if kind != "python" else spec
         self._spec = spec
         self._policy = policy
         self._craft = craft
@@ -181,7 +170,7 @@ def _whole(error: BaseException) -> str:
 
 
 def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -> UserPolicy:
-    """Load the policy that ``sb3:FILE.zip``, ``onnx:FILE`` or ``python:MODULE:FUNCTION`` names.
+    """Load the policy that a text of one of `rans.evaluation.fly.policy_text.forms` names.
 
     Loading a module runs its code. So does an SB3 file, because it is a pickle; it is opened only with ``trust``.
 
@@ -190,7 +179,7 @@ def user_policy(spec: str, craft: Spacecraft, task: Task, trust: bool = False) -
     """
     kind, _, name = spec.partition(":")
     if not is_user_policy(spec) or not name:
-        raise ConfigError(f"there is no policy {brief(spec)}; known are {USER_POLICIES}.")
+        raise ConfigError(f"there is no policy {brief(spec)}; known are {forms()}.")
     given = name
     if kind == "python":
         kind, given = "object", _function(name)

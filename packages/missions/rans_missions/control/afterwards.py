@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from rans.extend import Spacecraft, Timing
 from rans_missions.control.tracking import Tracker
 from rans_missions.guidance.arrival import TIME_ROUNDING
-
-if TYPE_CHECKING:
-    from rans_missions.tasks.orbital import OrbitalMission, Plan
 
 _NEAR = 2.0
 """Position tolerances within which a craft whose mission is over stays."""
@@ -31,11 +28,11 @@ class Afterwards:
 
     Args:
         craft: what flies.
-        mission: what it has flown.
+        mission: what it has flown, an `rans_missions.tasks.orbital.OrbitalMission`.
         timing: control period.
     """
 
-    def __init__(self, craft: Spacecraft, mission: OrbitalMission, timing: Timing) -> None:
+    def __init__(self, craft: Spacecraft, mission: Any, timing: Timing) -> None:
         self._mission = mission
         self._period = timing.control_period
         self._tracker = Tracker(craft, self._period)
@@ -65,7 +62,7 @@ class Afterwards:
         if len(self.stays) != count:
             self.reset(count)
         mission = self._mission
-        plan: Plan = goal.notes
+        plan = goal.notes
         deadline, won = (
             np.broadcast_to(np.asarray(x, float), count) for x in (plan.deadline, plan.won)
         )

@@ -11,7 +11,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from rans.extend import (
     Ball,
@@ -29,9 +29,6 @@ from rans_missions.guidance.arrival import PLANS, best_arrival, whole_periods
 from rans_missions.guidance.few_burns import ArrivalTolerance, Transfer, cheapest_transfer
 from rans_missions.guidance.impulses import axis_price
 from rans_missions.orbits.reach import velocity_to_reach
-
-if TYPE_CHECKING:
-    from rans_missions.tasks.orbital import OrbitalMission
 
 _COAST_POINTS = 7
 """Number of points of a coast whose distance from keep-out balls is computed: a coast of a third of an orbit turns
@@ -75,13 +72,14 @@ class OrbitalGuidance(ABC):
     States and goals have a position `p` and a velocity `v` in W; times are in seconds.
 
     Args:
-        mission: its tolerances, brake and reserves, control period, and largest speed.
+        mission: an `rans_missions.tasks.orbital.OrbitalMission`: its tolerances, brake and reserves, control period,
+            and largest speed.
         drift: motion of a free point on the orbit.
         limits: limits of the mission at rest in W: coasts go around balls, velocities are scaled below speed
             limits, whose margin at rest is the allowed speed, and plans have a price for violating others.
     """
 
-    mission: OrbitalMission
+    mission: Any
     drift: Drift
     limits: tuple[Shape, ...]
     pushes: ClassVar[int] = 1

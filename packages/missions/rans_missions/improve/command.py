@@ -56,7 +56,8 @@ def improve(
         ConfigError: one of these does not exist, the craft has other thrusters, or no flight solves the task from
             any start.
     """
-    from rans.extend import TASKS, Setup, Throttle, contestant, scenarios, typed
+    from rans import TASKS
+    from rans.extend import Setup, Throttle, contestant, scenarios, typed
     from rans.policy.timing import timing_of_file
     from rans_missions.improve import search
 
@@ -132,7 +133,8 @@ class Improve(Options):
 
     def following(self) -> tuple[str, ...]:
         """The command that compares the first contestant with the flights found."""
-        from rans.extend import TASKS, typed
+        from rans import TASKS
+        from rans.extend import typed
 
         # An agent says what it flies, and so does a controller with its task.
         first = next((text for text in self.contestants if ":" in text), self.contestants[0])

@@ -15,9 +15,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rans import load_spacecraft
+from rans import TASKS, load_spacecraft
 from rans.extend import (
-    TASKS,
     Quat,
     Scenario,
     Spacecraft,

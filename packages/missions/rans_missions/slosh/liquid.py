@@ -25,6 +25,7 @@ from rans.extend import (
 )
 from rans.model.body import numbers
 from rans_missions.slosh import swinging
+from rans_missions.slosh.pendulum import Rod
 from rans_missions.slosh.swinging import DECAY, LARGEST, MOST_STEPS, STEP
 
 _FIRST_ZERO = 1.841183781
@@ -43,7 +44,7 @@ designed craft; the method is stable up to 2.78."""
 
 
 @dataclass(frozen=True)
-class Slosh(Effector):
+class Slosh(Rod, Effector):
     """Liquid that sloshes in a tank, as a point mass on a massless rod with a hinge fixed to the spacecraft.
 
     The rod turns freely about its hinge, in the plane or in every direction of space, with viscous friction. Mass,
@@ -59,17 +60,6 @@ class Slosh(Effector):
     >>> round((0.2 / slosh.length) ** 0.5, 4)  # rad/s of small swings at 0.2 m/s^2, of a heavy craft
     1.4142
     """
-
-    mass: float
-    """Mass that swings, kg: a part of the spacecraft's mass."""
-    length: float
-    """Length of the rod, m."""
-    hinge: tuple[float, float, float]
-    """Hinge in G, m."""
-    direction: tuple[float, float, float]
-    """Unit vector from the hinge to the mass in G where the angle is zero."""
-    damping: float = 0.0
-    """Torque of the hinge's friction for each rad/s of the rod relative to the craft, N m s."""
 
     @classmethod
     def in_cylinder(
@@ -123,11 +113,6 @@ class Slosh(Effector):
         x, y, z = (b - height * d for b, d in zip(bottom, direction, strict=True))
         damping = 2.0 * damping_ratio * mass * length**2 * math.sqrt(acceleration / length)
         return cls(mass, length, (x, y, z), direction, damping)
-
-    def point(self) -> tuple[float, float, float]:
-        """Position of the mass in G where the angle is zero, m."""
-        x, y, z = (h + self.length * d for h, d in zip(self.hinge, self.direction, strict=True))
-        return (x, y, z)
 
     commands = ()
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from rans.extend import (
     Body,
@@ -30,8 +30,26 @@ from rans.extend import (
 )
 from rans.model.rotation import symmetric_inverse, symmetric_times
 
-if TYPE_CHECKING:
-    from rans_missions.slosh.liquid import Slosh
+
+@dataclass(frozen=True)
+class Rod:
+    """A point mass on a massless rod with a hinge."""
+
+    mass: float
+    """Mass that swings, kg: a part of the spacecraft's mass."""
+    length: float
+    """Length of the rod, m."""
+    hinge: tuple[float, float, float]
+    """Hinge in G, m."""
+    direction: tuple[float, float, float]
+    """Unit vector from the hinge to the mass in G where the angle is zero."""
+    damping: float = 0.0
+    """Torque of the hinge's friction for each rad/s of the rod relative to the craft, N m s."""
+
+    def point(self) -> tuple[float, float, float]:
+        """Position of the mass in G where the angle is zero, m."""
+        x, y, z = (h + self.length * d for h, d in zip(self.hinge, self.direction, strict=True))
+        return (x, y, z)
 
 
 @dataclass(frozen=True)
@@ -72,7 +90,7 @@ class Pair(NamedTuple):
     """Friction of the hinge, N m s."""
 
     @classmethod
-    def of(cls, slosh: Slosh, craft: Spacecraft, body: Body) -> Pair:
+    def of(cls, slosh: Rod, craft: Spacecraft, body: Body) -> Pair:
         """Constants of a body, of which the same fraction swings as of the designed craft.
 
         The craft's mass and inertia have the liquid at rest in them, which is taken out here.

@@ -10,7 +10,7 @@ import math
 import operator
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -30,10 +30,7 @@ from rans.extend import (
     map_leaves,
 )
 from rans.model.dynamics import NODES
-from rans_missions.slosh.pendulum import Pair
-
-if TYPE_CHECKING:
-    from rans_missions.slosh.liquid import Slosh
+from rans_missions.slosh.pendulum import Pair, Rod
 
 LARGEST = 1e9
 """Largest mass and length, and bound of a coordinate and of a rate (SI), as of a spacecraft."""
@@ -56,7 +53,7 @@ MOST_STEPS = 64
 class Pendulum(Effector):
     """Sloshing liquid as an effector: its states are where the rod points relative to the craft, and its rate."""
 
-    slosh: Slosh
+    slosh: Rod
     craft: Spacecraft
     commands = ()
 
@@ -152,7 +149,7 @@ class Swinging(JointMotion):
         return pair.state(p - away, v - speed, motion)
 
 
-def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[float, float]:
+def paces(slosh: Rod, craft: Spacecraft, body: Body | None = None) -> tuple[float, float]:
     """Fastest usual rate of craft and rod, and rate at which friction stops the rod, rad/s and 1/s.
 
     The rod is fastest where it has fallen from above its hinge to below it, under an acceleration a of the craft:
@@ -181,7 +178,7 @@ def paces(slosh: Slosh, craft: Spacecraft, body: Body | None = None) -> tuple[fl
     return pace, slosh.damping * mobility
 
 
-def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
+def inaccuracy(slosh: Rod, craft: Spacecraft, states: Any, going: Any, timing: Timing) -> str:
     """Sentence that rod or craft turn too fast for their steps, or ""; see `Effector.inaccuracy`.
 
     Rates that are no finite numbers are left out.
@@ -203,7 +200,7 @@ def inaccuracy(slosh: Slosh, craft: Spacecraft, states: Any, going: Any, timing:
     )
 
 
-def rod_rate(slosh: Slosh, craft: Spacecraft, states: Any) -> np.ndarray:
+def rod_rate(slosh: Rod, craft: Spacecraft, states: Any) -> np.ndarray:
     """Rate of the rod in W, rad/s, in the shape of the states' fields, such as (T + 1, N)."""
     own = Pendulum(slosh, craft).stores
     first = craft.stores.index(own[0])

@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from rans import GoToPose
 from rans.extend import (
     Ball,
     ConfigError,
     Field,
-    GoToPose,
     InformationInW,
     ObservationTerm,
     Random,

@@ -10,10 +10,10 @@ import torch
 from gymnasium import spaces
 from gymnasium.error import ResetNeeded
 
-from rans import load_spacecraft
+from rans import Engine, load_spacecraft
 from rans.base.inputs import array
 from rans.episode.environment import within
-from rans.extend import ConfigError, Engine, action_space, brief, observation_space
+from rans.extend import ConfigError, action_space, brief, observation_space
 from rans.fast.envs.actions import Actions
 from rans_missions.team.task import InspectTeam
 
