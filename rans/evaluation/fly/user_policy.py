@@ -17,7 +17,6 @@ from rans.model.spacecraft import Spacecraft
 from rans.tasks import Task
 from rans.tasks.derived import observation_width
 
-
 _ALONE = 16
 """Observations of the first batch of a policy that are asked for alone."""
 

@@ -72,7 +72,7 @@ class OrbitalGuidance(ABC):
     States and goals have a position `p` and a velocity `v` in W; times are in seconds.
 
     Args:
-        mission: an `rans_missions.tasks.orbital.OrbitalMission`: its tolerances, brake and reserves, control period,
+        mission: an `rans_missions.tasks.orbital.OrbitalMission`: its tolerances, brake and reserves, period,
             and largest speed.
         drift: motion of a free point on the orbit.
         limits: limits of the mission at rest in W: coasts go around balls, velocities are scaled below speed
