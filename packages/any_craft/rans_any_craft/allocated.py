@@ -16,7 +16,7 @@ from torch.nn import functional
 
 from rans.extend import Field, Network, subsets, within
 from rans.model.spacecraft import positively_spans
-from rans.policy.subsets import Subsets
+from rans.policy.subsets import MOST_SUBSETS, Subsets
 from rans_any_craft.allocation import PRICE, continuous_price, in_order, shares, thrust_price
 from rans_any_craft.twists import directions
 
@@ -88,7 +88,8 @@ def _subsets_without(
 ) -> Subsets:
     """Useful subsets of on/off thrusters with columns (n, d), and those without each of some thrusters."""
     parts = [subsets(_rows(columns), is_shared, price)]
-    for number in lost:
+    # Of many thrusters enough of these leave each one out.
+    for number in lost if 2 ** (len(columns) - 1) <= MOST_SUBSETS else ():
         part = subsets(_rows(np.delete(columns, number, axis=0)), is_shared, price)
         parts.append(part._replace(opened=np.insert(part.opened, number, 0.0, axis=1)))
     joined = [np.concatenate(x) for x in zip(*parts, strict=True)]

@@ -10,25 +10,37 @@ import hashlib
 import math
 import os
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
+
 from rans.base.errors import ConfigError, RansWarning
 from rans.base.files import package_version, read_json, write_json
 from rans.episode.scenario import CHOICE_SEED
+from rans.episode.step import Setup
 from rans.evaluation.fly.agent import LoadedRun
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.model.pace import misfits
 from rans.model.spacecraft import Spacecraft
 from rans.model.spacecraft_file import to_toml
 from rans.policy.backbones import any_craft
+from rans.randomization.conditions import Conditions
 from rans.tasks.go_to_pose import GoToPose
 
-VALUES = (0.4, 0.3, 0.0)
-"""Values in the order in which they are tried: 0.4 is quicker and cheaper than LQR on nearly all craft, and smaller
-values settle craft whose flights are short or whose thrusters are coarse."""
+VALUES = (0.4, 0.3, 0.0, 1.0)
+"""Values in the order in which they are tried: 0.4 is quicker and cheaper than LQR on nearly all craft, smaller
+values settle craft whose flights are short or whose thrusters are coarse, and 1 strong craft with late valves."""
+CHEAPER = (0.5, 0.6)
+"""Values that are tried where the chosen one is not as quick and cheap as controllers without training."""
+RIVALS = ("lqr", "switching")
+"""Controllers without training that fly beside the choice; in space, where they take seconds, the first alone, and
+only beside one that loses flights."""
+_BESIDE = 16
+"""Number of their flights, from the first starts: of crooked craft 64 of LQR take 12 s."""
+_MORE = 0.05
+"""Part of the flights by which another has to solve more to be named in place of the choice."""
 LARGER = (1.0, 0.8, 0.6)
 """Larger values that are tried afterwards in the plane, until no flight is lost. In space each takes 1 to 3 s."""
 FLIGHTS = {2: 256, 3: 128}
@@ -40,8 +52,31 @@ _SURE = 0.99
 """Part of the flights of a choice below which it is doubted."""
 _COARSE = 0.2
 """Control period above which a shorter one is tried, s."""
-_VERSION = 4
+_VERSION = 5
 """Version of the rule of choice; a cached choice of another version is made anew."""
+
+
+class Rival(NamedTuple):
+    """A controller without training, and what its flights from the first starts of a choice gave."""
+
+    name: str
+    solved: float
+    """Part of the flights."""
+    time: float
+    """Median settling time, s; infinite if less than half settle."""
+    impulse: float
+    """Mean impulse, N s."""
+
+    def is_beaten_by(self, other: Rival) -> bool:
+        """Whether another solves as many flights, is no slower and no dearer."""
+        better = other.solved >= self.solved, other.time <= self.time, other.impulse <= self.impulse
+        return all(better)
+
+    def text(self, setup: str) -> str:
+        """What it gave in a line, with the TASK-2d@SPACECRAFT of its name."""
+        time = f"{self.time:.3g} s" if math.isfinite(self.time) else "no settling time"
+        solved = f"solved {round(self.solved * _BESIDE)} of {_BESIDE}"
+        return f"{self.name}:{setup}: {solved}, {time}, {self.impulse:.3g} N s."
 
 
 class Choice(NamedTuple):
@@ -59,11 +94,17 @@ class Choice(NamedTuple):
     """Mean impulse, N s."""
     lost: float = 0.0
     """Least of the larger values tried at which flights are lost; 0: none, or none was tried."""
+    rival: Rival | None = None
+    """The controller without training that solves more flights, or as many quicker and cheaper; None: neither."""
 
     @property
     def is_enough(self) -> bool:
         """Whether so many flights are solved that nothing is doubted."""
         return self.solved >= _SURE * self.flights
+
+    def advice(self, craft: str, dimension: int) -> str:
+        """The controller that is better, with what it flies; "" if there is none."""
+        return self.rival.text(f"go-to-pose-{dimension}d@{craft}") if self.rival else ""
 
     def text(self, agent: str) -> str:
         """The choice in a line, with the name of the agent without a value."""
@@ -90,7 +131,9 @@ class Choice(NamedTuple):
         if self.is_enough:
             return ""
         cause = f"None of the values tried solves more: {likely_cause(craft, self.period)}."
-        if not misfits(craft):
+        if self.rival:
+            cause += f" {self.advice(craft.name, craft.dimension)}"
+        elif not misfits(craft):
             cause += " An agent that rans train go-to-pose makes for this craft alone may."
         if is_narrow:
             cause = f"The likely cause: {NARROW}."
@@ -104,6 +147,7 @@ def chosen(
     craft: Spacecraft | None = None,
     period: float | None = None,
     value: float | None = None,
+    conditions: Conditions | None = None,
 ) -> Choice:
     """The value and the control period at which an agent for any craft flies a craft.
 
@@ -111,34 +155,42 @@ def chosen(
         own: the agent with its own craft, as it was trained.
         craft: what flies; None: the agent's own.
         period: control period, s; None: chosen, too.
-        value: that of the agent; None: chosen.
+        value: that of the agent; None: chosen, and judged beside `RIVALS`.
+        conditions: under which the flights are flown; None: those of the agent.
 
     Raises:
         ConfigError: the agent cannot fly the craft.
     """
+    own = own.under(conditions)
     if period is None and craft is not None:
         usual = any_craft().timing(craft, own.timing, None).control_period
         if craft.dimension == 2 or usual <= _COARSE:
             period = usual  # no other is tried
     file = _folder() / f"{_digest(own, craft, period, value)}.json"
     with contextlib.suppress(ConfigError, OSError, TypeError, ValueError):
-        flown, seconds, flights, solved, *others = map(float, read_json(file))
-        return Choice(flown, seconds, int(flights), int(solved), *others)
-    best: Choice | None = None
+        *numbers, rival = read_json(file)
+        flown, seconds, flights, solved, *others = map(float, numbers)
+        rival = rival and Rival(rival[0], *map(float, rival[1:]))
+        return Choice(flown, seconds, int(flights), int(solved), *others, rival=rival)
     with warnings.catch_warnings():
         # What flies in the end says what is outside of its training.
         warnings.simplefilter("ignore", RansWarning)
-        for each, run in _candidates(own, craft, period, value):
-            # Values beside one that loses half of the flights lose many, too: only the fastest is left to try.
-            if best is not None and best.solved < best.flights / 2 and 0.0 < each < best.value:
-                continue
-            result = _flown(frugal(run, each), each)
-            if best is None or result.solved > best.solved:
-                best = result
+        runs = _at_periods(own, craft, period, value is None)
+        first, *others = VALUES if value is None else (value,)
+        results = [_flown(frugal(run, first), first) for run in runs]
+        best = max(results, key=lambda one: (one.solved, -one.time * one.impulse))
+        run = runs[results.index(best)]
+        for other in others:
+            # Values beside one that loses half of the flights lose many, too: only the ends are left to try.
             if best.solved == best.flights:
                 break
-        assert best is not None
-        run = _every(best.period, own, craft)
+            if best.solved < best.flights / 2 and 0.0 < other < best.value:
+                continue
+            result = _flown(frugal(run, other), other)
+            if result.solved > best.solved:
+                best = result
+        if value is None:
+            best = _beside_others(best, run)
         if value is None and best.is_enough and run.craft.dimension == 2:
             lost = 0.0
             for larger in LARGER:
@@ -150,6 +202,48 @@ def chosen(
         file.parent.mkdir(parents=True, exist_ok=True)
         write_json(file, list(best))
     return best
+
+
+def _beside_others(best: Choice, run: LoadedRun) -> Choice:
+    """The choice, or a cheaper value that beats controllers without training where it does not, with its rival."""
+    rivals: list[Rival] = []
+    for name in RIVALS if run.craft.dimension == 2 else RIVALS[: not best.is_enough]:
+        with contextlib.suppress(ConfigError):  # which it cannot fly
+            rivals.append(_controlled(name, run))
+
+    def beside(value: float) -> Rival:
+        """The agent at a value from the same starts."""
+        part = _flown(frugal(run, value), value, _BESIDE)
+        return Rival("", part.solved / _BESIDE, part.time, part.impulse)
+
+    mine = beside(best.value)
+    if best.is_enough and not all(one.is_beaten_by(mine) for one in rivals):
+        for value in CHEAPER:
+            result, other = _flown(frugal(run, value), value), beside(value)
+            if result.solved >= best.solved and all(one.is_beaten_by(other) for one in rivals):
+                return result
+    better = [
+        one
+        for one in rivals
+        if one.solved > best.solved / best.flights + _MORE or mine.is_beaten_by(one)
+    ]
+    return best._replace(rival=max(better, key=lambda one: one.solved, default=None))
+
+
+def _controlled(name: str, run: LoadedRun) -> Rival:
+    """Flights of a controller without training, with its default settings, in the setup of an agent."""
+    from rans.evaluation.fly.episodes import fly_episodes
+    from rans.evaluation.fly.make_controller import controller
+    from rans.evaluation.measure.metrics import impulses, settling_times
+
+    made = controller(name, Setup(run.craft, run.task, run.timing, run.conditions))
+    flight = fly_episodes(made, run.judged, CHOICE_SEED, _BESIDE)
+    return Rival(
+        name,
+        float(flight.verdict.solved.mean()),
+        float(np.median(settling_times(flight))),
+        float(impulses(flight).mean()),
+    )
 
 
 def chosen_period(own: LoadedRun, craft: Spacecraft) -> float | None:
@@ -185,23 +279,17 @@ def likely_cause(craft: Spacecraft, period: float, is_to_a_pose: bool = True) ->
     return "a small force or torque along one axis, or flights that are short for it"
 
 
-def _candidates(
-    own: LoadedRun, craft: Spacecraft | None, period: float | None, value: float | None
-) -> Iterator[tuple[float, LoadedRun]]:
-    """Values and runs to be flown, in the order of preference."""
+def _at_periods(
+    own: LoadedRun, craft: Spacecraft | None, period: float | None, is_free: bool
+) -> list[LoadedRun]:
+    """The agent at the period that is named, or at the usual one and, if it is free, at all shorter ones."""
     usual = _every(period, own, craft)
-    if value is not None:
-        yield value, usual
-        return
-    first, *others = VALUES
-    yield first, usual
+    if period is not None or craft is None or not is_free:
+        return [usual]
+    # Pulses that are long for their craft lose flights or thrust.
     seconds = usual.timing.control_period
-    if period is None and craft is not None:
-        # Pulses that are long for their craft are the usual cause.
-        shorter = max(x for x in any_craft().periods if x < seconds)
-        yield first, _every(shorter, own, craft)
-    for other in others:
-        yield other, usual
+    shorter = sorted((x for x in any_craft().periods if x < seconds), reverse=True)
+    return [usual, *(_every(each, own, craft) for each in shorter)]
 
 
 def _every(seconds: float | None, own: LoadedRun, craft: Spacecraft | None) -> LoadedRun:
@@ -212,11 +300,11 @@ def _every(seconds: float | None, own: LoadedRun, craft: Spacecraft | None) -> L
     return for_spacecraft(own, craft, timing)
 
 
-def _flown(run: LoadedRun, value: float) -> Choice:
-    """Flights of a candidate."""
+def _flown(run: LoadedRun, value: float, flights: int | None = None) -> Choice:
+    """Flights of a candidate; None: as many as decide."""
     from rans.fast.flights import Flights
 
-    flights = FLIGHTS[run.craft.dimension]
+    flights = flights or FLIGHTS[run.craft.dimension]
     result = Flights(run.network, run.judged).fly(0, flights, CHOICE_SEED)
     period = run.timing.control_period
     return Choice(
@@ -237,6 +325,8 @@ def _digest(
         package_version("rans"),
         _VERSION,
         VALUES,
+        CHEAPER,
+        RIVALS,
         LARGER,
         FLIGHTS,
         CHOICE_SEED,
