@@ -154,14 +154,15 @@ def evaluate(
     from rans.evaluation.measure.aggregate import measure
 
     one_of("engine", engine, get_args(EngineName))
-    run = in_protocol(agent, protocol, period)
+    world = conditions_if_named(conditions)
+    run = in_protocol(agent, protocol, period, world)
     if first := next(iter(run.task.parts())):
         raise ConfigError(
             f"{run.controller.name} has several tasks: pick one, as in "
             f"{run.controller.name}#{first}."
         )
     count = whole("episodes", episodes)
-    flying = run.under(conditions_if_named(conditions)).guarded(guard)
+    flying = run.under(world).guarded(guard)
     return measure(flown(flying, count, seed, engine, endpoints=own_endpoints(start, goal)))
 
 

@@ -197,10 +197,13 @@ def flyers(
     from rans.evaluation.fly.contestants import contestant, text_of
 
     results: list[LoadedRun] = []
+    world = conditions_if_named(conditions)
     for entrant in contestants:
         setup = results[0].judged if results else None
-        run = run_of(entrant) or contestant(text_of(entrant), default_setup=setup, trust=trust)
-        results.append(run.under(conditions_if_named(conditions)).guarded(guard))
+        run = run_of(entrant) or contestant(
+            text_of(entrant), default_setup=setup, trust=trust, conditions=world
+        )
+        results.append(run.under(world).guarded(guard))
     return results
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from rans.api.names import load_conditions, load_spacecraft, load_task
+from rans.api.names import conditions_if_named, load_conditions, load_spacecraft, load_task
 from rans.base.errors import ConfigError, legible
 from rans.base.files import number, read_text
 from rans.base.pretrained import RECIPE_FOLDER, pretrained_card, pretrained_folder
@@ -80,30 +80,32 @@ def agent(name: str) -> Iterable[str | Table]:
             yield Table(("metric", "value", "95 % interval"), rows, title)
 
 
-def spacecraft(name: str) -> Iterable[str | Table]:
-    """A spacecraft with its thrusters; of a file also whether it can settle."""
+def spacecraft(name: str, conditions: str | None = None) -> Iterable[str | Table]:
+    """A spacecraft with its thrusters; of a file, or under conditions, also whether it can settle."""
     craft = load_spacecraft(name)
     yield spacecraft_listing(craft)
     if not craft.thrusters:
         return
     yield thruster_listing(craft)
-    if name.endswith(".toml"):
-        yield from prospects(craft)
+    if name.endswith(".toml") or conditions:
+        yield from prospects(craft, name, conditions_if_named(conditions))
 
 
-def prospects(craft: Spacecraft) -> Iterator[str]:
+def prospects(craft: Spacecraft, name: str, conditions: Conditions | None = None) -> Iterator[str]:
     """How the agent for any craft flies a craft, which thrusters it can lose, and which may be mistaken."""
     from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
     from rans.evaluation.fly.agent import load_policy
-    from rans.evaluation.fly.choice import chosen
+    from rans.evaluation.fly.choice import NO_VALUE, chosen
     from rans.policy.backbones import any_craft
 
     agent = FOR_ANY_CRAFT[craft.dimension]
     try:
         with doing(f"flying {craft.name} by {agent}"):
-            choice = chosen(load_policy(pretrained_folder(agent)), craft)
+            own = load_policy(pretrained_folder(agent))
+            choice = chosen(own, craft, conditions=conditions)
         yield any_craft().prospect(craft, choice.period).text(choice.period)
-        yield choice.doubt(agent, craft) or choice.text(agent)
+        why = "" if conditions is None else NO_VALUE
+        yield choice.doubt(agent, craft, name, why) or choice.text(agent, name)
         # Nothing is promised where the sizes of the file are doubted.
         if choice.is_enough and not misfits(craft):
             yield any_craft().spared(craft, choice.period)

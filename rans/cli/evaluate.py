@@ -78,8 +78,10 @@ class Evaluate(Options):
         from rans.api.names import conditions_if_named
         from rans.evaluation.fly.contestants import contestant
 
-        run = contestant(self.agent, self.protocol, trust=self.trust, period=self.period)
-        run = run.under(conditions_if_named(self.conditions))
+        world = conditions_if_named(self.conditions)
+        run = contestant(
+            self.agent, self.protocol, trust=self.trust, period=self.period, conditions=world
+        ).under(world)
         run = run.guarded(self.guard)
         if remark := getattr(run.controller, "remark", ""):
             Terminal().say(remark)

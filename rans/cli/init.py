@@ -76,7 +76,7 @@ class Init(Options):
             )
         )
         steerable = craft.is_steerable
-        for sentence in prospects(craft) if steerable else any_craft().slips(craft):
+        for sentence in prospects(craft, str(self.file)) if steerable else any_craft().slips(craft):
             console.say(sentence)
         console.say(f"Written: {self.file}" + (f" and {picture}" if picture else ""))
         console.say("Its numbers are those of what it begins from: write your own into it.")

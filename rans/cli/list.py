@@ -43,6 +43,8 @@ class List:
     training."""
     picture: Annotated[Path | None, conf.arg(metavar="FILE")] = None
     """Save a drawing of the spacecraft's thrusters to this file (.png, .svg or .pdf)."""
+    conditions: Annotated[str | None, conf.arg(metavar="NAME|FILE")] = None
+    """Conditions under which flights of a spacecraft choose how the agent for any craft flies it."""
 
     def following(self) -> tuple[str, ...]:
         """Commands to run next with what was listed; none for conditions."""
@@ -50,7 +52,8 @@ class List:
         if kind == "spacecraft":
             from rans.cli.next_commands import with_spacecraft
 
-            return with_spacecraft(load_spacecraft(typed(self._named)), self._named)
+            under = [] if self.conditions is None else ["--conditions", self.conditions]
+            return with_spacecraft(load_spacecraft(typed(self._named)), self._named, *under)
         name = shlex.quote(self._named)
         follows: dict[str, tuple[str, ...]] = {
             "conditions": (),
@@ -93,7 +96,20 @@ class List:
         return (self.name or "").removeprefix("pretrained:")
 
     def _parts(self, kind: str) -> Iterable[str | Table]:
-        """Printed parts of a list, or of an object, whose details load it."""
+        """Printed parts of a list, or of an object, whose details load it.
+
+        Raises:
+            ConfigError: conditions are named with what is no spacecraft.
+        """
+        if self.conditions is not None:
+            if kind != "spacecraft":
+                raise ConfigError(
+                    f"--conditions {self.conditions} is for a spacecraft: name it, as in "
+                    f"rans list mine.toml --conditions {self.conditions}."
+                )
+            from rans.cli import details
+
+            return details.spacecraft(self._named, self.conditions)
         if kind in _LISTS:
             return _LISTS[kind]()
         if kind == "entry":

@@ -53,12 +53,13 @@ def after(command: Options, name: str, *contestants: str) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def with_spacecraft(craft: Spacecraft, name: str) -> tuple[str, ...]:
-    """A flight without training and a training, both of a task that suits the spacecraft.
+def with_spacecraft(craft: Spacecraft, name: str, *options: str) -> tuple[str, ...]:
+    """A flight without training, a comparison and a training, all of a task that suits the spacecraft.
 
     Args:
         craft: the spacecraft.
         name: its name, or its TOML file.
+        *options: further words of each.
     """
     task = fitting_task(craft)
     pilot = FOR_ANY_CRAFT[craft.dimension]
@@ -66,8 +67,15 @@ def with_spacecraft(craft: Spacecraft, name: str) -> tuple[str, ...]:
         pilot = f"lqr:{task}-{craft.dimension}d"
     # Controllers command thrusters and reaction wheels alone.
     is_flown = task and craft.command_count == craft.thruster_count + craft.wheel_count
-    flight = [shlex.join(["rans", "evaluate", f"{pilot}@{name}"])] if is_flown else []
-    return *flight, *training(craft, name)
+    flight = (
+        [
+            shlex.join(["rans", word, f"{pilot}@{name}", *options])
+            for word in ("evaluate", "compare")
+        ]
+        if is_flown
+        else []
+    )
+    return *flight, *training(craft, name, *options)
 
 
 def training(craft: Spacecraft, name: str, *options: str) -> tuple[str]:

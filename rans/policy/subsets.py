@@ -87,7 +87,9 @@ def _candidates(columns: tuple[tuple[float, ...], ...], shared: bool, most: int)
     if few[-1].sum() >= _ENOUGH_OPEN[(size + 1) // 2]:
         return few
     few = _with_fewest_open(count, int(most * _FEW))
-    best = _best_subsets(_demands(min(most, MOST_SUBSETS), np.array(columns)), np.array(columns), shared)
+    best = _best_subsets(
+        _demands(min(most, MOST_SUBSETS), np.array(columns)), np.array(columns), shared
+    )
     # Each once, those of few open thrusters first.
     both = np.concatenate([few, best])
     _, first = np.unique(both, axis=0, return_index=True)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import errno
 import json
 import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,8 @@ import pytest
 
 from rans import MultiTask
 from rans.cli import main
-from rans.evaluation.fly import episodes
+from rans.evaluation.fly import choice, episodes
+from rans.evaluation.fly.choice import Choice, Rival
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.show.pages.report import report_from_run
@@ -155,40 +157,67 @@ def test_behind_the_filter_no_controller_is_said_to_violate_constraints(guard, r
     assert ("constraints of Avoid" in said) is not bool(guard)
 
 
+@pytest.fixture
+def tried(monkeypatch) -> Callable[..., None]:
+    """A function that sets what flights of any craft and of LQR beside it give, in place of flights."""
+
+    def set_to(solved: int, lqr: float) -> None:
+        rival = Rival("lqr", lqr, 6.0, 20.0) if lqr else None
+        found = Choice(0.3, 0.2, 256, solved, 6.0, 17.0, rival=rival)
+        monkeypatch.setattr(choice, "chosen", lambda *_: found)
+
+    return set_to
+
+
 @pytest.mark.parametrize(
     ("text", "command"),
     [
-        ("any-craft-2d#1@atmos", "rans evaluate any-craft-2d@atmos"),
-        ("any-craft-2d@atmos#1", "rans evaluate any-craft-2d@atmos"),
-        ("adaptive:any-craft-2d#1@atmos", "rans evaluate adaptive:any-craft-2d@atmos"),
-        (
-            "any-craft-2d#1,go-to-position@atmos",
-            "rans evaluate 'any-craft-2d#go-to-position@atmos'",
-        ),
         ("any-craft-2d#1,0.1mm@atmos", "rans list atmos"),
         ("any-craft-2d@atmos", "rans list atmos"),
         ("lqr:go-to-pose-2d@atmos", "rans list atmos"),
         ("go-to-pose-2d", "rans view go-to-pose-2d"),
     ],
 )
-def test_lost_flights_lead_to_a_command_that_may_help(text, command):
+def test_lost_flights_lead_to_a_command_that_may_help(text, command, tried):
+    """Nobody who was tried solves 5 % more."""
+    tried(200, 0.8)
     name = ContestantName.parse(text)
     run = contestant("lqr:go-to-pose-2d@atmos")
     assert name.shortfall(94.0, run).endswith(command)
     assert name.shortfall(95.0, run) == ""
 
 
+@pytest.mark.parametrize("text", ["any-craft-2d#1@atmos", "switching:go-to-pose-2d@atmos"])
+@pytest.mark.parametrize("conditions", [None, "faults"])
 @pytest.mark.parametrize(
-    ("text", "command"),
+    ("solved", "lqr", "who"),
     [
-        ("any-craft-2d#1@atmos", "rans evaluate 'any-craft-2d#0@atmos' --conditions faults"),
-        ("any-craft-2d@atmos", "rans evaluate any-craft-2d@atmos"),
+        (256, 0.0, "rans evaluate 'any-craft-2d#0.3@atmos'"),
+        (150, 0.9, "rans evaluate lqr:go-to-pose-2d@atmos"),
+        (150, 0.6, ""),
     ],
 )
-def test_a_frugal_value_that_conditions_defeat_leads_to_a_fast_one(text, command):
+def test_who_solves_more_is_named_after_flights(text, conditions, solved, lqr, who, tried):
+    """In conditions that nobody copes with a training is the next step."""
+    tried(solved, lqr)
     run = contestant("lqr:go-to-pose-2d@atmos")
-    found = ContestantName.parse(text).shortfall(60.0, run, "faults", ["--guard"])
-    assert found.endswith(f"{command} --guard")
+    found = ContestantName.parse(text).shortfall(60.0, run, conditions).partition("Next: ")[2]
+    under = f" --conditions {conditions}" if conditions else ""
+    alone = "rans train go-to-pose --spacecraft atmos --conditions faults --quality good"
+    assert found == (f"{who}{under}" if who else alone if conditions else "rans list atmos")
+
+
+@pytest.mark.filterwarnings("ignore:LQR does not know")
+@pytest.mark.parametrize("options", [[], ["--guard"]])
+def test_flights_through_a_zone_lead_to_the_filter_and_to_no_cause_of_poses(options):
+    name = ContestantName.parse("lqr:avoid-2d")
+    said = name.shortfall(12.5, contestant("lqr:avoid-2d"), None, options)
+    assert "cause" not in said
+    assert said.endswith(
+        "rans train avoid --spacecraft floating-platform --quality good"
+        if options
+        else "rans evaluate lqr:avoid-2d --guard"
+    )
 
 
 @pytest.mark.usefixtures("here", "undrawn")

@@ -12,6 +12,7 @@ from rans_any_craft.networks import authority
 from rans import TASKS, ConfigError, cli
 from rans.base.terminal import Terminal
 from rans.cli import COMMANDS
+from rans.cli.compare import Compare
 from rans.cli.list import List
 from rans.cli.next_commands import with_spacecraft
 from rans.cli.train import Train
@@ -61,6 +62,8 @@ def test_a_spacecraft_can_do_what_comes_next(name, task):
         if isinstance(command, Train):
             assert (command.task, command.spacecraft) == (task, name)
             continue
+        if isinstance(command, Compare):
+            continue
         run = contestant(command.agent)  # whose refusal would be an error
         assert run.craft.name == name
         assert isinstance(run.task, TASKS[task])
@@ -82,7 +85,7 @@ def test_the_agent_for_any_craft_is_suggested_for_craft_that_it_flies():
 
 def test_the_names_of_files_are_quoted():
     craft = load_spacecraft("innocube")
-    assert shlex.split(with_spacecraft(craft, "my craft.toml")[1])[-1] == "my craft.toml"
+    assert shlex.split(with_spacecraft(craft, "my craft.toml")[-1])[-1] == "my craft.toml"
 
 
 def test_what_follows_trusts_what_the_command_trusted():

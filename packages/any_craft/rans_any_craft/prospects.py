@@ -84,8 +84,14 @@ _MOST_SPARED = 32
 """Thrusters up to which each is taken away once: a tenth of a second each, and more with their number."""
 
 
+_IN_FLIGHT = "One that dies in flight, unknown to the agent, loses flights: rans list FILE --conditions faults."
+
+
 def spared(craft: Spacecraft, period: float) -> str:
-    """Which of its thrusters the craft can lose and still settle, in a sentence; "" with a single or too many."""
+    """Which of its thrusters a craft's file may leave out, in a sentence; "" with a single thruster or too many.
+
+    One that dies while the file has it is told to nobody, and costs flights.
+    """
     count = craft.thruster_count
     if not 2 <= count <= _MOST_SPARED:
         return ""
@@ -94,11 +100,11 @@ def spared(craft: Spacecraft, period: float) -> str:
         lost.setdefault(_without(craft, k, period), []).append(str(k))
     dead = lost.pop("", [])
     if not lost:
-        return "Any one of its thrusters may be dead, and it still settles."
+        return f"A file without any one of its thrusters still settles. {_IN_FLIGHT}"
     needed = ", ".join(f"{', '.join(numbers)} ({reason})" for reason, numbers in lost.items())
     return (
-        f"Any one of these thrusters may be dead: {', '.join(dead) or 'none'}; without one of these it may not "
-        f"settle: {needed}."
+        f"A file without any one of these thrusters still settles: {', '.join(dead) or 'none'}; without one of "
+        f"these it may not: {needed}. {_IN_FLIGHT}"
     )
 
 

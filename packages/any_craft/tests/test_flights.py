@@ -7,9 +7,14 @@ from typing import Any
 
 import pytest
 
+from rans.base.pretrained import FOR_ANY_CRAFT, pretrained_folder
+from rans.evaluation.fly.agent import load_policy
+from rans.evaluation.fly.any_craft import for_spacecraft, frugal
 from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.measure.aggregate import measure
+from rans.fast.flights import Flights
+from rans.model.spacecraft_file import USUAL, load_spacecraft
 
 
 @pytest.mark.parametrize(
@@ -43,3 +48,20 @@ def test_all_settle_in_a_time_with_an_impulse(name, seconds, time, impulse):
     assert rows["solved"] == 100.0
     assert rows["settling time"] == pytest.approx(time, rel=0.01)
     assert rows["impulse"] == pytest.approx(impulse, rel=0.01)
+
+
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=pytest.mark.slow)])
+def test_more_thrusters_of_less_force_are_as_quick(dimension):
+    """Two in place of each, of the same force together."""
+    craft = load_spacecraft(USUAL[dimension])
+    parts = [
+        replace(one, force=0.5 * one.force, position=(way * one.position[0], *one.position[1:]))
+        for one in craft.thrusters
+        for way in (0.98, 1.02)
+    ]
+    own = load_policy(pretrained_folder(FOR_ANY_CRAFT[dimension]))
+    times = []
+    for flown in (craft, replace(craft, thrusters=tuple(parts))):
+        run = frugal(for_spacecraft(own, flown), 0.4)
+        times.append(Flights(run.network, run.judged).fly(0, 48, 11).settling_step())
+    assert times[1] <= 1.1 * times[0]

@@ -45,11 +45,13 @@ def test_a_large_turn_is_no_power_of_ten():
 
 
 def test_only_thrusters_whose_loss_leaves_a_margin_are_spared():
-    assert spared(PLATFORM, 0.1) == "Any one of its thrusters may be dead, and it still settles."
+    assert spared(PLATFORM, 0.1).startswith(
+        "A file without any one of its thrusters still settles."
+    )
     craft = three_pairs(0.15)
     # The pairs through the centre leave no torque about z but by the last two.
     sentence = spared(craft, 0.2)
-    assert sentence.endswith("not settle: 0, 1, 2, 3, 4, 5 (cannot be steered).")
+    assert "these it may not: 0, 1, 2, 3, 4, 5 (cannot be steered)." in sentence
     with pytest.raises(ConfigError):
         Prospect.of(replace(craft, thrusters=craft.thrusters[:4]), 0.2)
 

@@ -119,7 +119,7 @@ def contest_of(
         run = _single(who.controller.name, "", who).under(conditions)
     else:
         name = ContestantName.parse(who)
-        loaded = contestant(name, trust=trust, period=period)
+        loaded = contestant(name, trust=trust, period=period, conditions=conditions)
         run = _single(name.text, name.controller, loaded).under(conditions)
     craft, task, timing, world, guarded = run.guarded(guard).judged
     seed_words(seed)  # A wrong seed is reported once, and not for every contestant.
@@ -244,7 +244,13 @@ def enlist(
         period = contest.timing.control_period
     elif named.kind != "policy":
         period = None
-    run = contestant(named, default_setup=contest.setup, trust=trust, period=period)
+    run = contestant(
+        named,
+        default_setup=contest.setup,
+        trust=trust,
+        period=period,
+        conditions=contest.conditions,
+    )
     run = _single(named.text, named.controller, run)
     _check_same(named.text, run, contest)
     run = run.under(contest.conditions or Conditions())

@@ -39,7 +39,9 @@ RIVALS = ("lqr", "switching")
 only beside one that loses flights."""
 _BESIDE = 16
 """Number of their flights, from the first starts: of crooked craft 64 of LQR take 12 s."""
-_MORE = 0.05
+_AS_GOOD = 1.02
+"""Factor up to which times and impulses of so few flights are the same."""
+MORE = 0.05
 """Part of the flights by which another has to solve more to be named in place of the choice."""
 LARGER = (1.0, 0.8, 0.6)
 """Larger values that are tried afterwards in the plane, until no flight is lost. In space each takes 1 to 3 s."""
@@ -69,14 +71,18 @@ class Rival(NamedTuple):
 
     def is_beaten_by(self, other: Rival) -> bool:
         """Whether another solves as many flights, is no slower and no dearer."""
-        better = other.solved >= self.solved, other.time <= self.time, other.impulse <= self.impulse
-        return all(better)
+        return (
+            other.solved >= self.solved
+            and other.time <= _AS_GOOD * self.time
+            and other.impulse <= _AS_GOOD * self.impulse
+        )
 
-    def text(self, setup: str) -> str:
-        """What it gave in a line, with the TASK-2d@SPACECRAFT of its name."""
+    def told(self, agent: str, craft: str) -> tuple[str, str]:
+        """Its name as a contestant with a craft beside an agent, and what its flights gave, in a sentence."""
+        name = f"{self.name}:go-to-pose-{agent[-2:]}@{craft}"
         time = f"{self.time:.3g} s" if math.isfinite(self.time) else "no settling time"
         solved = f"solved {round(self.solved * _BESIDE)} of {_BESIDE}"
-        return f"{self.name}:{setup}: {solved}, {time}, {self.impulse:.3g} N s."
+        return name, f"{name}: {solved}, {time}, {self.impulse:.3g} N s."
 
 
 class Choice(NamedTuple):
@@ -102,12 +108,8 @@ class Choice(NamedTuple):
         """Whether so many flights are solved that nothing is doubted."""
         return self.solved >= _SURE * self.flights
 
-    def advice(self, craft: str, dimension: int) -> str:
-        """The controller that is better, with what it flies; "" if there is none."""
-        return self.rival.text(f"go-to-pose-{dimension}d@{craft}") if self.rival else ""
-
-    def text(self, agent: str) -> str:
-        """The choice in a line, with the name of the agent without a value."""
+    def text(self, agent: str, craft: str = "") -> str:
+        """The choice in a line, with the name of the agent without a value; beside a craft with who is better."""
         time = f"{self.time:.3g} s" if math.isfinite(self.time) else "no settling time"
         line = (
             f"{agent}#{self.value:g}: solved {self.solved} of {self.flights}, {time}, "
@@ -115,30 +117,36 @@ class Choice(NamedTuple):
         )
         if not self.is_enough:
             return f"{line}, commanded every {self.period:g} s."
-        return f"{line}; at #{self.lost:g} flights are lost." if self.lost else f"{line}."
+        line = f"{line}; at #{self.lost:g} flights are lost." if self.lost else f"{line}."
+        if self.rival and craft:
+            line += f" Quicker and cheaper: {self.rival.told(agent, craft)[1]}"
+        return line
 
     def doubt(
-        self, agent: str, craft: Spacecraft, is_named: bool = False, is_narrow: bool = False
+        self,
+        agent: str,
+        craft: Spacecraft,
+        name: str,
+        cause: str = "",
     ) -> str:
         """The line of an agent that is not recommended for a craft, with what may help; empty: it is.
 
         Args:
             agent: its name without a value.
             craft: what it flies.
-            is_named: whether the user has named the value.
-            is_narrow: whether the user has named tolerances.
+            name: name or file of the craft.
+            cause: why, in a sentence, where the value, tolerances or conditions are the user's; else it follows
+                from the craft.
         """
         if self.is_enough:
             return ""
-        cause = f"None of the values tried solves more: {likely_cause(craft, self.period)}."
+        if not cause:
+            reason = likely_cause(craft, self.period)
+            cause = f"None of the values tried solves more{reason and f': {reason}'}."
         if self.rival:
-            cause += f" {self.advice(craft.name, craft.dimension)}"
+            cause += f" {self.rival.told(agent, name)[1]}"
         elif not misfits(craft):
             cause += " An agent that rans train go-to-pose makes for this craft alone may."
-        if is_narrow:
-            cause = f"The likely cause: {NARROW}."
-        elif is_named:
-            cause = f"{agent} without a number is flown at the value that its own flights choose."
         return f"{self.text(agent)} {cause}"
 
 
@@ -225,7 +233,8 @@ def _beside_others(best: Choice, run: LoadedRun) -> Choice:
     better = [
         one
         for one in rivals
-        if one.solved > best.solved / best.flights + _MORE or mine.is_beaten_by(one)
+        if one.solved > best.solved / best.flights + MORE
+        or (mine.is_beaten_by(one) and not one.is_beaten_by(mine))
     ]
     return best._replace(rival=max(better, key=lambda one: one.solved, default=None))
 
@@ -260,23 +269,24 @@ def chosen_period(own: LoadedRun, craft: Spacecraft) -> float | None:
     return chosen(own, craft).period
 
 
+NO_VALUE = "None of the values tried solves more in these conditions."
+"""Why flights are lost under conditions of the user's."""
 NARROW = "tolerances that are narrower than it can hold"
 """Likely cause where the user has named tolerances."""
 
 
-def likely_cause(craft: Spacecraft, period: float, is_to_a_pose: bool = True) -> str:
-    """The likeliest reason for which a craft loses flights: units; for poses also its period (s) or authority."""
+def likely_cause(craft: Spacecraft, period: float) -> str:
+    """The reason for which a craft loses flights to poses: units, its period (s) or authority; "" if not known."""
     for reason in misfits(craft):
         return reason
     with contextlib.suppress(ConfigError):
         usual = any_craft().timing(craft, GoToPose().timing, None).control_period
-        if is_to_a_pose and period > usual:
+        if period > usual:
             return (
                 f"it is commanded every {period:g} s, and craft of its authority every {usual:g} s"
             )
-        if is_to_a_pose and (reason := any_craft().prospect(craft, period).reason):
-            return reason
-    return "a small force or torque along one axis, or flights that are short for it"
+        return any_craft().prospect(craft, period).reason
+    return ""
 
 
 def _at_periods(

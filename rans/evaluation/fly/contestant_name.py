@@ -28,6 +28,7 @@ from rans.base.registry import allow_current_folder, typed
 from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.policy_text import is_flights_file, is_user_policy, split_policy
 from rans.model.spacecraft_file import load_spacecraft
+from rans.randomization.conditions import Conditions
 from rans.tasks import TASKS, registered_name
 
 if TYPE_CHECKING:
@@ -89,6 +90,9 @@ class ContestantName:
     """What else stands after "#" of an agent for any craft: tolerances such as 2cm and 2deg, and go-to-position."""
     adapts: bool = False
     """Whether an agent for any craft estimates in flight what its file does not state ("adaptive:" before it)."""
+    is_one_of_several: bool = False
+    """Whether an agent for any craft flies beside itself at other values, so that the choice of this one is not
+    doubted."""
 
     def __str__(self) -> str:
         """The text, as sentences have it."""
@@ -204,7 +208,7 @@ class ContestantName:
 
     def at(self, value: float) -> ContestantName:
         """The agent for any craft at another value."""
-        return replace(self, text=self._at(value), frugality=value)
+        return replace(self, text=self._at(value), frugality=value, is_one_of_several=True)
 
     def _at(self, value: float | None) -> str:
         """Text of the agent for any craft at another value."""
@@ -252,12 +256,14 @@ class ContestantName:
         run: LoadedRun,
         period: float | None = None,
         craft: Spacecraft | None = None,
+        conditions: Conditions | None = None,
     ) -> LoadedRun:
         """The run of an agent for any craft as this name says: adapting, for a craft, at a value.
 
         Without a craft in its name it flies ``craft``; None: its own. The order counts: constants of the craft are
         computed for the network as it adapts, and frugality for the craft. A value that the user names is flown as
         it is, with a warning if it loses flights; not at a ``period`` (s) of others, beside whom it is judged.
+        Without a number flights under the ``conditions`` decide it.
         """
         from rans.evaluation.fly.agent import Agent
         from rans.evaluation.fly.any_craft import (
@@ -267,7 +273,7 @@ class ContestantName:
             to_a_position,
             to_tolerances,
         )
-        from rans.evaluation.fly.choice import chosen, chosen_period
+        from rans.evaluation.fly.choice import NARROW, NO_VALUE, chosen, chosen_period
         from rans.policy.backbones import any_craft
 
         if self.craft:
@@ -280,19 +286,31 @@ class ContestantName:
             if value is not None and craft is not None and not is_judged_beside:
                 period = chosen_period(run, craft)
             if value is None or not is_judged_beside:
-                choice = chosen(run, craft, period, value)
+                choice = chosen(run, craft, period, value, conditions)
                 value, period = choice.value, choice.period
         if self.adapts:
             run = adapting(run)
         if craft is not None:
             timing = None if period is None else any_craft().timing(craft, run.timing, period)
-            run = for_spacecraft(run, craft, timing)
+            with warnings.catch_warnings():
+                if choice is not None:  # flights say more than what is outside of its training
+                    warnings.simplefilter("ignore", RansWarning)
+                run = for_spacecraft(run, craft, timing)
         if value is not None:
             run = frugal(run, value)
         if choice is not None and isinstance(run.controller, Agent):
-            run.controller.remark = choice.text(self.name)
-            is_named = self.frugality is not None
-            if doubt := choice.doubt(self.name, run.craft, is_named, self._is_narrow):
+            flown = self.craft or run.craft.name
+            run.controller.remark = choice.text(self.name, flown)
+            cause = ""
+            if self._is_narrow:
+                cause = f"The likely cause: {NARROW}."
+            elif self.frugality is not None:
+                cause = f"{self.name} without a number is flown at the value that its own flights choose."
+            elif conditions is not None:
+                cause = NO_VALUE
+            if not self.is_one_of_several and (
+                doubt := choice.doubt(self.name, run.craft, flown, cause)
+            ):
                 warnings.warn(doubt, RansWarning, stacklevel=2)
         if self.asked and isinstance(run.controller, Agent):
             sign = "," if "#" in run.controller.name else "#"
@@ -311,7 +329,9 @@ class ContestantName:
         conditions: object | None = None,
         options: Sequence[str] = (),
     ) -> str:
-        """Why so few flights of the contestant are solved, and what to run; "" if enough are (`choice.ENOUGH`).
+        """Who solves more where few flights of the contestant are solved, or why they are lost, and what to run.
+
+        Empty if enough are (`choice.ENOUGH`). An agent for any craft and controllers fly before one is named.
 
         Args:
             percent: solved flights, %.
@@ -325,28 +345,36 @@ class ContestantName:
         if percent >= 100.0 * ENOUGH:
             return ""
         craft = self.craft or self.setup.partition("@")[2] or run.craft.name
-        again = ["rans", "evaluate", self.text, *options]
-        if conditions is not None:
-            cause = "conditions that are harder than its own"
-            if self.frugality:
-                cause += ", in which larger values lose more flights than 0"
-                again[2:3] = [self._at(0.0), "--conditions", str(conditions)]
+        if self.kind == "run folder":
+            craft = str(Path(self.name) / "spacecraft.toml")
+        task = registered_name(run.task)
+        is_to_a_pose = flies_to_a_pose(run.task, run.craft)
+        is_free = self.kind == "controller" or self.is_for_a_craft
+        under = [] if conditions is None else ["--conditions", str(conditions)]
+        said = ""
+        again = ["rans", "view", self.text, *(word for word in options if word == "--guard")]
+        better = None
+        if is_to_a_pose and not self.asked and (is_free or under):
+            better = _better(run, craft, percent)
+        if better:
+            name, said = better
+            again = ["rans", "evaluate", name, *under, *options]
         elif self._is_narrow:
-            cause = NARROW
+            said = f"The likely cause: {NARROW}."
             again = ["rans", "list", craft]
-        elif self.frugality is not None:
-            cause = "a value that suits this craft less than the one that its flights choose"
-            again[2] = self._at(None)
-        elif self.is_for_a_craft or self.kind == "controller":
-            is_to_a_pose = flies_to_a_pose(run.task, run.craft)
-            cause = likely_cause(run.craft, run.timing.control_period, is_to_a_pose)
+        elif is_free and not is_to_a_pose and run.task.constraints and "--guard" not in options:
+            said = f"{run.controller.name} knows no limits of {task}, which a safety filter keeps."
+            again = ["rans", "evaluate", self.text, *under, *options, "--guard"]
+        elif task and (under or (is_free and not is_to_a_pose)):
+            again = ["rans", "train", task, "--spacecraft", craft, *under, "--quality", "good"]
+        elif is_free:
+            cause = likely_cause(run.craft, run.timing.control_period)
+            said = cause and f"The likely cause: {cause}."
             again = ["rans", "list", craft]
-        else:
-            cause = "what a view of a lost flight shows"
-            again = ["rans", "view", self.text, *(word for word in options if word == "--guard")]
-            if registered_name(run.task) is None:  # a class of the user
-                again.append("--trust")
-        return f"{percent:.3g} % of the flights are solved. The likely cause: {cause}. Next: {shlex.join(again)}"
+        elif task is None:  # a class of the user
+            again.append("--trust")
+        first = f"{percent:.3g} % of the flights are solved."
+        return " ".join(filter(None, [first, said, f"Next: {shlex.join(again)}"]))
 
     @property
     def folder(self) -> Path:
@@ -416,6 +444,29 @@ class ContestantName:
         if name.adapts:
             text = f"{ADAPTIVE}:{text}"
         return EVALUATIONS / "-".join(distinct(part) for part in re.split("[:@]+", text) if part)
+
+
+def _better(run: LoadedRun, craft: str, percent: float) -> tuple[str, str] | None:
+    """Who solves more flights to a pose than ``percent``, and a sentence about them; None: nobody who was tried.
+
+    An agent for any craft flies at the value that flights in this setup choose, and controllers beside it.
+    """
+    from rans.evaluation.fly.agent import load_policy
+    from rans.evaluation.fly.choice import MORE, chosen
+
+    agent = FOR_ANY_CRAFT[run.craft.dimension]
+    own = load_policy(pretrained_folder(agent))
+    try:
+        period = run.timing.control_period
+        choice = chosen(own, run.craft, period, None, run.conditions or Conditions())
+    except ConfigError:  # which it cannot fly
+        return None
+    least = 0.01 * percent + MORE
+    if choice.rival is not None and choice.rival.solved >= least:
+        return choice.rival.told(agent, craft)
+    if choice.solved < least * choice.flights:
+        return None
+    return f"{agent}#{choice.value:g}@{craft}", choice.text(agent)
 
 
 def _flies_any_craft(name: ContestantName) -> bool:

@@ -23,6 +23,7 @@ from rans.evaluation.fly.exported import is_exported, load_exported
 from rans.evaluation.fly.policy_text import FLIGHTS
 from rans.evaluation.fly.protocols import ProtocolName, under_protocol
 from rans.model.spacecraft_file import USUAL, load_spacecraft
+from rans.randomization.conditions import Conditions
 from rans.tasks import TASKS, Task, registered_name
 
 
@@ -34,6 +35,7 @@ class Terms(NamedTuple):
     """Of the contestant before it; None: there is none."""
     trust: bool
     period: float | None
+    conditions: Conditions | None
 
 
 def contestant(
@@ -42,6 +44,7 @@ def contestant(
     default_setup: Setup | None = None,
     trust: bool = False,
     period: float | None = None,
+    conditions: Conditions | None = None,
 ) -> LoadedRun:
     """Load a contestant, with the setup in which it flies.
 
@@ -64,12 +67,13 @@ def contestant(
             MODULE:NAME; None: such contestants are refused.
         trust: whether a policy of another library may be a pickle, which runs code when it is opened.
         period: control period, s, of a controller or of an agent for any craft with a named craft; None: theirs.
+        conditions: under which flights choose the value of an agent for any craft (`LoadedRun.under` flies it so).
 
     Raises:
         ConfigError: there is no such contestant, or it has another control period.
     """
     name = ContestantName.parse(spec)
-    run = _loaded(name, Terms(protocol, default_setup, trust, period))
+    run = _loaded(name, Terms(protocol, default_setup, trust, period, conditions))
     if period is not None and run.timing.control_period != period:
         raise ConfigError(
             f"{brief(name.text)} acts every {run.timing.control_period:g} s, as in its training: another --period, "
@@ -142,7 +146,7 @@ def _agent(name: ContestantName, terms: Terms) -> LoadedRun:
     folder = name.own_folder
     run = load_exported(folder) if is_exported(folder) else load_policy(folder)
     if name.is_for_a_craft:
-        run = name.for_craft(run, terms.period)
+        run = name.for_craft(run, terms.period, conditions=terms.conditions)
     own = _picked(Setup(run.craft, run.task, run.timing, run.conditions), name)
     return LoadedRun(run.controller, *under_protocol(terms.protocol, own)[:4])
 
@@ -184,7 +188,12 @@ def text_of(agent: object) -> str:
     )
 
 
-def in_protocol(agent: object, protocol: ProtocolName, period: float | None = None) -> LoadedRun:
+def in_protocol(
+    agent: object,
+    protocol: ProtocolName,
+    period: float | None = None,
+    conditions: Conditions | None = None,
+) -> LoadedRun:
     """A contestant, given by its text or as an object, in the setup of a protocol; see `contestant`.
 
     Raises:
@@ -192,7 +201,7 @@ def in_protocol(agent: object, protocol: ProtocolName, period: float | None = No
     """
     run = run_of(agent)
     if run is None:
-        return contestant(text_of(agent), protocol, period=period)
+        return contestant(text_of(agent), protocol, period=period, conditions=conditions)
     if period not in (None, run.timing.control_period):
         raise ConfigError(
             f"{run.controller.name} acts every {run.timing.control_period:g} s; give its name instead "

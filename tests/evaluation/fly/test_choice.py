@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from rans_any_craft.frugality import numbers_of
 
-from rans import RansWarning, load_conditions
+from rans import Conditions, RansWarning, ThrusterConditions, load_conditions
 from rans.base.pretrained import pretrained_folder
 from rans.evaluation.fly import choice
 from rans.evaluation.fly.agent import LoadedRun, load_policy
 from rans.evaluation.fly.any_craft import for_spacecraft, frugal
-from rans.evaluation.fly.choice import Choice, chosen
+from rans.evaluation.fly.choice import Choice, Rival, _flown, chosen
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
 from rans.fast.flights import Flights
@@ -25,16 +26,74 @@ OWN = load_policy(pretrained_folder("any-craft-2d"))
 
 
 @pytest.fixture
-def flown(monkeypatch, tmp_path) -> dict[float, int]:
-    """Solved flights of each value, to be filled in by a test; without an entry none is."""
+def flown(monkeypatch, rivals) -> dict[float, int]:
+    """Solved flights of each value, to be filled in by a test; without an entry none is.
+
+    A larger value is slower and cheaper: 0.4 settles in 6.4 s with 16 N s.
+    """
     solved: dict[float, int] = {}
 
-    def result(run: LoadedRun, value: float) -> Choice:
-        return Choice(value, run.timing.control_period, 32, solved.get(value, 0), 6.0, 17.0)
+    def result(run: LoadedRun, value: float, flights: int = 32) -> Choice:
+        part = solved.get(value, 0) * flights // 32
+        figures = 6.0 + value, 20.0 - 10.0 * value
+        return Choice(value, run.timing.control_period, flights, part, *figures)
 
     monkeypatch.setattr(choice, "_flown", result)
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return solved
+
+
+@pytest.fixture
+def rivals(monkeypatch, tmp_path) -> dict[str, Rival]:
+    """Flights of controllers, to be filled in by a test; without an entry they solve none."""
+    beside: dict[str, Rival] = {}
+    none = math.inf, math.inf
+    monkeypatch.setattr(
+        choice, "_controlled", lambda name, _: beside.get(name, Rival(name, 0.0, *none))
+    )
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    return beside
+
+
+@pytest.mark.parametrize(
+    ("lqr", "value", "is_named"),
+    [
+        ((1.0, 7.0, 18.0), 0.4, False),  # beaten by 0.4
+        ((1.0, 7.0, 15.2), 0.5, False),  # cheaper than 0.4 alone
+        ((1.0, 6.4, 15.9), 0.4, False),  # equal but for 1 %
+        ((1.0, 6.0, 12.0), 0.4, True),  # better than any value
+        ((0.9, 6.0, 12.0), 0.4, False),  # which loses flights
+    ],
+)
+def test_the_choice_is_dominated_by_no_controller_or_names_it(lqr, value, is_named, flown, rivals):
+    flown.update({one: 32 for one in (0.3, 0.4, 0.5, 0.6, 1.0)})
+    rivals["lqr"] = Rival("lqr", *lqr)
+    for _ in range(2):  # the second from the cache
+        found = chosen(OWN, PLATFORM)
+        assert (found.value, found.rival) == (value, rivals["lqr"] if is_named else None)
+    assert ("lqr:go-to-pose-2d@mine.toml" in found.text("any-craft-2d", "mine.toml")) is is_named
+
+
+def test_a_controller_that_solves_more_is_named_in_the_doubt(flown, rivals):
+    flown[0.0] = 16
+    rivals["lqr"] = Rival("lqr", 0.55, 6.0, 25.0)  # too few to tell of 16
+    assert "lqr" not in chosen(OWN, PLATFORM).doubt("any-craft-2d", PLATFORM, "mine.toml")
+    rivals["switching"] = Rival("switching", 0.9, 6.0, 12.0)
+    found = chosen(OWN, replace(PLATFORM, mass=6.0)).doubt("any-craft-2d", PLATFORM, "mine.toml")
+    assert "switching:go-to-pose-2d@mine.toml: solved 14 of 16" in found
+
+
+@pytest.mark.usefixtures("rivals")
+@pytest.mark.filterwarnings("ignore:.* authority of")
+def test_conditions_decide_the_value():
+    """Valves 40 ms late: of a strong platform 0.4 loses every flight, and 1 hardly one."""
+    ways = [replace(one, force=3.6 * one.force) for one in PLATFORM.thrusters]
+    strong = replace(PLATFORM, thrusters=tuple(ways))
+    assert chosen(OWN, strong).value == 0.4
+    late = Conditions(thrusters=ThrusterConditions(latency=0.04))
+    found = chosen(OWN, strong, conditions=late)
+    assert found.value == 1.0
+    assert found.solved > 200
+    assert _flown(frugal(for_spacecraft(OWN, strong), 0.4).under(late), 0.4).solved < 25
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ class Assurance:
         """
         if self.given is not None:
             return self.given.under(self.world)
-        result = contestant(self.spec, trust=self.trust).under(self.world)
+        result = contestant(self.spec, trust=self.trust, conditions=self.world).under(self.world)
         if len(parts := judged_separately(self.spec)) > 1:
             raise ConfigError(
                 f"{self.spec} has several tasks, and each is assured by itself: name one of "
