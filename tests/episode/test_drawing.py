@@ -109,6 +109,16 @@ def test_the_trail_is_drawn_and_fits_the_frame():
     assert not len(spots(Scene(PLATFORM, TASK).render(planar(), planar(), shut(PLATFORM)), TRAIL))
 
 
+def test_a_view_with_room_for_a_whole_film_stays():
+    scene = Scene(PLATFORM, TASK)
+    room = [(6.0, 6.0), (-6.0, -6.0)]
+    seen = [
+        centre(scene.render(planar(x), planar(), shut(PLATFORM), further=room), GOAL)
+        for x in (-5.0, 1.0, 5.0)
+    ]
+    np.testing.assert_array_equal(seen, [seen[0]] * 3)
+
+
 def test_space_is_seen_with_z_up():
     scene = Scene(FLYER, TASK)
     goal = spatial()

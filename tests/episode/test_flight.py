@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -139,7 +139,10 @@ def test_flights_off_every_path_are_counted():
         flight = flight_of([*rest[:2], [1.0, gone]], 0.0, task=GoToPose(fail_distance=1e30))
         (said,) = outran(flight, timing)
         assert said.startswith("1 of 2 flights of floating-platform left every path")
-    # What happens after a failure is not judged.
+    # What happens after a failure, or after a success, is not judged.
+    won = flight_of([*rest[:2], [1.0, 100.0]], 0.0, task=GoToPose(fail_distance=1e30))
+    ends = {"lengths": np.array([2, 1]), "done": np.array([False, True])}
+    assert outran(replace(won, **ends), timing) == []
     failed = [[1.0, 50.0], [1.0, 50.0], [1.0, 1e9]]
     assert outran(flight_of(failed, 0.0), timing) == []
 
@@ -224,6 +227,7 @@ class Remembering:
 def test_flights_share_no_memory_wherever_a_controller_holds_it(hold, held):
     memory = Remembering()
     controller: Any = Remembering(hold(memory))
-    one, other = (held(begin_flight(controller, 2).part) for _ in range(2))
+    flown: list[Any] = [begin_flight(controller, 2) for _ in range(2)]
+    one, other = (held(flight.part) for flight in flown)
     one.reset(5)
     assert (one.counts, other.counts, memory.counts) == ([5], [], [])

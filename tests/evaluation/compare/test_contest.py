@@ -59,6 +59,8 @@ def test_scores_worked_out():
     entry = entry_of(flight_of(distance, 0.0, commands))
     assert (entry.arrival[0], entry.settling[0]) == (1.5, 3.0)
     assert (entry.arrival_thrust[0], entry.thrust[0]) == (3.0, 3.5)
+    away = entry_of(flight_of(distance + 1.0, 0.0, commands))
+    assert (away.arrival_thrust[0], away.thrust[0]) == (math.inf, 3.5)
     # Out of the set at 2 s, but there before: it could have waited half a second and be there at 2 s.
     assert [entry.thrust_by(t)[0] for t in (1.0, 1.5, 2.0, 3.0)] == [math.inf, 3.0, 3.0, 3.5]
     assert entry.errors["position"][0] == pytest.approx(0.03)

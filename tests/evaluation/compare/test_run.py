@@ -15,7 +15,7 @@ from rans_optimal import relaxed
 from rans import LQR, ConfigError, Timing
 from rans.base.progress import unseen_stages
 from rans.episode.flight import fly
-from rans.evaluation.compare.bounds import Bound, Event
+from rans.evaluation.compare.bounds import Bound, Event, Kind
 from rans.evaluation.compare.contest import Contestant, Entry
 from rans.evaluation.compare.entrants import enlisted
 from rans.evaluation.compare.run import TYPICAL, Comparison
@@ -224,7 +224,7 @@ def test_a_flight_below_a_bound_is_named_however_little():
         Contestant("x", LQR(CONTEST.craft, task), "", ""),
         flight_of(np.array([[1.0, 0.5, 0.04, *[0.01] * 27]]).T, 0.0, task=task),
     )
-    times = {"arrival": 1.0, "settling": 1.0}
+    times: dict[Kind, float] = {"arrival": 1.0, "settling": 1.0}
     for kind, time in times.items():
         for more, named in ((-1e-6, 0), (1e-6, 1)):
             found = Comparison(CONTEST, [entry], certified=[Bound(0, None, time + more, kind=kind)])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
@@ -39,12 +38,10 @@ def flown(p: tuple[float, ...], left: float) -> tuple[np.ndarray, np.ndarray]:
     return np.array(places), np.array(speeds)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("start", "left"),
     [
         ((-465.0, -200.0, 60.0), 6000.0),
-        ((-465.0, 0.0, 60.0), 6000.0),
         ((-465.0, 200.0, 60.0), 6000.0),
         ((-896.7, 190.5, 352.8), 10000.0),
     ],
@@ -63,11 +60,11 @@ def test_it_arrives_inside_the_cone(start, left):
     assert np.all(across < (2.0 - near[:, 0]) * math.tan(math.radians(30.0)))
 
 
-@pytest.mark.slow
 def test_what_is_not_braked_is_the_best_of_a_grid():
     """A grid of velocities within the speed costs no less, with one, two and three components braked."""
-    grid = np.linspace(0.0, 0.05, 101)
-    ends = np.array([x for x in itertools.product(grid, repeat=3) if np.linalg.norm(x) <= 0.05])
+    grid = np.linspace(0.0, 0.05, 21)
+    ends = np.stack(np.meshgrid(grid, grid, grid), axis=-1).reshape(-1, 3)
+    ends = ends[np.linalg.norm(ends, axis=1) <= 0.05]
     for velocity in ([0.1, 0.01, 0.005], [0.02, -0.1, 0.2], [0.3, 0.1, -0.2]):
         size = unbraked(Vec3(*(np.array([x]) for x in velocity)), 0.05)[0]
         left = np.minimum(np.abs(velocity), size)

@@ -10,6 +10,7 @@ from rans_robot.identify.fit import WINDOW, fit, parameters_of, physics_of
 from rans_robot.identify.log import FlightLog
 from rans_robot.identify.motion import Thrust, predicted
 from rans_robot.identify.result import Identification
+from scipy.integrate import solve_ivp
 
 from campaigns.identification import hidden_flights
 from rans import SensorsConditions
@@ -158,3 +159,32 @@ def test_intervals_of_a_log_without_noise_hold_the_truth():
     # Errors weighed by their covariance: 16 squares, below 39.3 in 999 of 1,000 samples.
     assert float(error @ np.linalg.solve(found.covariance, error)) < 39.3
     assert np.abs(error[-2:]).max() < 5e-3
+
+
+@pytest.mark.parametrize("spin", [0.0, 1.0])
+def test_a_turning_craft_is_pushed_as_scipy_says(spin):
+    """One thruster for a second, and a torque of 0.1 N m: the error is of third order in the turn of a step."""
+    commands = np.zeros((3, 8))
+    commands[:2, 0] = 1.0
+    nominal = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
+    twist = replace(nominal.disturbance, torque=np.full((1, 1), 0.1))
+    start = np.array([[0.0, 0.0, 0.3, 0.0, 0.0, spin]])
+    log = log_of(commands)
+    path = predicted(
+        PLATFORM,
+        Thrust.of(PLATFORM, [log]),
+        replace(nominal, disturbance=twist),
+        start,
+        log.times[None],
+    )
+    fx, fy, torque = PLATFORM.wrench_map[0]
+
+    def rates(_: float, y: np.ndarray) -> list[float]:
+        _, _, angle, vx, vy, w = y
+        c, s = np.cos(angle), np.sin(angle)
+        push = (c * fx - s * fy) / PLATFORM.mass, (s * fx + c * fy) / PLATFORM.mass
+        return [vx, vy, w, *push, (torque + 0.1) / PLATFORM.inertia[2][2]]
+
+    end = solve_ivp(rates, (0.0, 1.0), start[0], rtol=1e-10, atol=1e-12).y[:, -1]
+    # Steps of 0.02 rad: 2e-5 of the thrust.
+    np.testing.assert_allclose(path[0, 2], end, rtol=0, atol=1e-5)
