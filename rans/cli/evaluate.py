@@ -148,7 +148,7 @@ class Evaluate(Options):
             conditions = conditions_label(self.conditions, run.conditions or Conditions())
         own = self.changed("start", "goal")
         names = (
-            self.agent.part,
+            distinct(self.agent.part),
             "" if self.protocol == "own" else self.protocol,
             "" if self.period is None else f"period{self.period:g}",
             conditions,

@@ -204,7 +204,7 @@ class Train(Options):
         guard = ["--guard"] if trainer.config.guard else []
         same = [*guard, *trust_option(trainer.config, trainer.engine.craft)]
         config = trainer.config
-        learner = LEARNERS[config.algorithm].contestants(config)
+        learner = LEARNERS[config.algorithm].contestants(config, trainer.run.path)
         rivals = [*_judged(trainer), *learner, *filter(None, [untrained])]
         commands = [
             shlex.join(["rans", "evaluate", path, *same]),

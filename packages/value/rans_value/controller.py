@@ -114,6 +114,12 @@ class GreedyController:
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         with reading(run.config_file):  # which the checkpoint may not fit
             value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
+        numbers = value.state_dict().values()
+        if not all(x.isfinite().all() for x in numbers) or not (value.spread > 0.0).all():
+            raise ConfigError(
+                f"{run.checkpoint_file} has a value function that cannot be flown: a weight is no finite number, "
+                "or a spread not above 0."
+            )
         self.name = f"{'installed ' * (run.path.parent == SHIPPED)}value of {run.path.name}"
         self.greedy = self._designed = Greedy(problem, value)
         # In space some spins that arrive would not come to rest, and an end by success is an arrival anyway.
@@ -173,15 +179,13 @@ SHIPPED = Path(__file__).parent / "data"
 
 
 class Newest(GreedyController):
-    """Controller by the newest value function of a craft in the folder ``runs``.
+    """Controller by the value function of a craft in the folder ``runs``, else by one of `SHIPPED`.
 
-    Where ``runs`` has none it is one of `SHIPPED`. It flies at the trade-off of the task, or at its own where goals
-    note none.
-
-    It is the contestant ``value``, as in ``value:go-to-pose-priced-2d@mine.toml#0.5``.
+    It flies at the trade-off of the task, or at its own where goals note none. It is the contestant ``value``,
+    as in ``value:go-to-pose-priced-2d@mine.toml#0.5``, or, of a run folder that is named, ``...#runs/mine,0.5``.
 
     Raises:
-        ConfigError: there is none.
+        ConfigError: there is none, or ``runs`` has several, of which one is to be named.
     """
 
     has_trade_off: ClassVar[bool] = True
@@ -191,10 +195,11 @@ class Newest(GreedyController):
     ) -> None:
         check_craft(craft)
         frame = GoalFrame(craft, task, timing)
-        files = Path("runs").glob("**/config.json")
-        newest = sorted(files, key=lambda x: -x.stat().st_mtime)
-        found: dict[bool, Path] = {}
-        for file in (*newest, *SHIPPED.glob("*/config.json")):
+        named, _, number = str(trade_off).rpartition(",")
+        runs = Path("runs").glob("**/config.json")
+        own = [Path(named) / "config.json"] if named else sorted(runs)
+        found: dict[bool, list[Path]] = {False: [], True: []}
+        for file in (*own, *([] if named else SHIPPED.glob("*/config.json"))):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
             with suppress(ConfigError):
@@ -208,19 +213,26 @@ class Newest(GreedyController):
                     and config.timing.control_period == timing.control_period
                     and GoalFrame(craft, config.settings, timing).serves(frame)
                 ):
-                    found.setdefault(config.conditions.or_none is not None, run.path)
-        if found:
-            how = trade_off, frame.tolerances["position"]
-            super().__init__(found[min(found)], *how)
-            self._varied = GreedyController(found[max(found)], *how)
+                    found[config.conditions.or_none is not None].append(run.path)
+        for folders in found.values():
+            if len(several := [folder for folder in folders if folder.parent != SHIPPED]) > 1:
+                raise ConfigError(
+                    f"{', '.join(map(str, several))} have a value function of {craft.name}: name the one to fly, "
+                    f"as in value:TASK-{craft.dimension}d@CRAFT#{several[0]},{TRADE_OFF:g}."
+                )
+        if any(found.values()):
+            how = number, frame.tolerances["position"]
+            plain, varied = (folders or found[not kind] for kind, folders in found.items())
+            super().__init__(plain[0], *how)
+            self._varied = GreedyController(varied[0], *how)
             if task.goal_notes is None:
                 for made in (self, self._varied):
                     made.name += f"#{made._trade_off:g}"
             return
         raise ConfigError(
-            f"no folder in runs/ has a value function of {craft.name} at {timing.control_period:g} s for what "
-            f"{type(task).__name__} asks, or with a larger tolerance of the position: train one on a GPU, as with "
-            "rans train go-to-pose --set algorithm=value."
+            f"{named or 'no folder in runs/'} has {'no' if named else 'a'} value function of {craft.name} at "
+            f"{timing.control_period:g} s for what {type(task).__name__} asks, or with a larger tolerance of the "
+            "position: train one on a GPU, as with rans train go-to-pose --set algorithm=value."
         )
 
     def expecting(self, conditions: Conditions | None) -> GreedyController:

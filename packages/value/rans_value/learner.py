@@ -16,6 +16,7 @@ from contextlib import suppress
 from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
@@ -81,6 +82,9 @@ _TRACE = 0.9
 """Weight of what the next period costs more than the values expected, over that of the present one."""
 _LEFT = 2.0
 """Cost of leaving the tolerances, seconds outside."""
+
+_COLLECTED = ("ends", "flights", "labels", "labelled")
+"""What a training on a CPU goes on with, bit by bit."""
 
 
 @dataclass(frozen=True)
@@ -449,13 +453,19 @@ class ValueLearner:
         return self.adam.descend(loss, math.inf, self.engine.processes)
 
     def state(self) -> dict[str, Any]:
-        """State of the learner without flights and labels, which a resumed training collects again."""
-        return {
+        """State of the learner; on a GPU without flights and labels, which a resumed training collects again."""
+        state = {
             "weights": {name: x.detach() for name, x in self.network.tensors.items()},
             "adam": self.adam.state(),
             "average": self.average.state_dict(),
+            "value": self.value.state_dict(),
+            "moments": [[*moments.values()] for moments in self._value_adam.state.values()],
             "generator": self._generator.get_state(),
+            "clocks": torch.get_rng_state(),
         }
+        if self.engine.device.type == "cpu":  # of a GPU they have hundreds of megabytes
+            state |= {name: getattr(self, f"_{name}") for name in _COLLECTED}
+        return state
 
     @torch.no_grad()
     def load(self, saved: dict[str, Any]) -> None:
@@ -463,10 +473,19 @@ class ValueLearner:
         for name, tensor in self.network.tensors.items():
             tensor.copy_(saved["weights"][name])
         self.adam.load(saved["adam"])
-        for network in (self.value, self.average):
-            network.load_state_dict(saved["average"])
+        self.average.load_state_dict(saved["average"])
+        self.value.load_state_dict(saved.get("value", saved["average"]))
+        for weight, moments in zip(self.value.parameters(), saved.get("moments", ()), strict=False):
+            names = ("step", "exp_avg", "exp_avg_sq")
+            self._value_adam.state[weight] = dict(zip(names, moments, strict=True))
         self._generator.set_state(saved["generator"].cpu())
-        self._flights = [self._flown()]
+        if "flights" in saved and self.engine.device.type == "cpu":
+            for name in _COLLECTED:
+                setattr(self, f"_{name}", saved[name])
+        else:
+            self._flights = [self._flown()]
+        if "clocks" in saved:
+            torch.set_rng_state(saved["clocks"].cpu())
 
 
 def _put(kept: list[Tensor], tensors: Sequence[Tensor]) -> None:
@@ -541,12 +560,12 @@ class Value(Algorithm):
         return cls.started(replace(config, algorithm="value", learner={}, **priced))
 
     @classmethod
-    def contestants(cls, config: TrainConfig) -> list[str]:
+    def contestants(cls, config: TrainConfig, folder: Path) -> list[str]:
         """The value function at three trade-offs, of a craft that can be named: no code of a stranger's config."""
         task = "go-to-pose-priced" if type(config.settings) in POSES else config.task
         with suppress(ConfigError):
             name = f"value:{task}-{craft_of(config).dimension}d@{config.spacecraft}"
-            return [f"{name}#{x}" for x in ("0", "0.5", "1")]
+            return [f"{name}#{folder},{x}" for x in ("0", "0.5", "1")]
         return []
 
     @classmethod

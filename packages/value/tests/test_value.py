@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import shutil
+from copy import deepcopy
 from dataclasses import replace
 from functools import partial
 from itertools import pairwise
@@ -417,13 +420,51 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     # The comparison that a training suggests is of several trade-offs, also where the agent has none.
     plain = replace(config, task="go-to-pose", settings=TASKS["go-to-pose"]())
     contest = contest_of("lqr:go-to-pose-2d", episodes=4)
-    rivals: list[Any] = [enlist(name, contest) for name in Value.contestants(plain)]
+    names = Value.contestants(plain, run.path)
+    rivals: list[Any] = [enlist(name, contest) for name in names]
     assert [rival.controller._trade_off for rival in rivals] == [0.0, 0.5, 1.0]
-    assert Value.contestants(replace(plain, spacecraft="evil:E")) == []  # as a file may name it
+    assert {rival.controller.name.partition("#")[0] for rival in rivals} == {"value of run"}
+    evil = replace(plain, spacecraft="evil:E")  # as a file may name it
+    assert Value.contestants(evil, run.path) == []
+    # Of two folders none is taken for its time, and one outside of runs/ can be named.
+    for other in ("runs/later", "elsewhere"):
+        shutil.copytree(run.path, other)
+    with pytest.raises(ConfigError, match=r"runs/later, runs/run have .*#runs/later,0\.2"):
+        Newest(PLATFORM, config.settings, config.timing)
+    named = Newest(PLATFORM, config.settings, config.timing, "elsewhere,0.5")
+    assert named.name == "value of elsewhere"
+    with pytest.raises(ConfigError, match="nobody has no value function"):
+        Newest(PLATFORM, config.settings, config.timing, "nobody,0.5")
+    saved = run.load_checkpoint("cpu")
+    for name, wrong in (("last.bias", math.nan), ("spread", 0.0)):
+        spoilt = deepcopy(saved)
+        spoilt["learner"]["average"][name][:] = wrong
+        RunFolder(Path("elsewhere")).save_checkpoint(spoilt)
+        with pytest.raises(ConfigError, match="cannot be flown"):
+            GreedyController("elsewhere")
     check([run.config_file, run.checkpoint_file], lambda: GreedyController(run.path), 0.5)
     run.checkpoint_file.unlink()
     with pytest.raises(ConfigError, match="has no value function"):
         GreedyController(run.path)
+
+
+def test_a_training_that_was_stopped_goes_on_bit_by_bit(tmp_path, monkeypatch):
+    """In the fit and in the imitation, also where another process has drawn other numbers."""
+    monkeypatch.setattr("rans_value.learner._BEGUN", 1)
+    config = tiny("floating-platform")
+    agents = []
+    for until in (99, 1, 3):
+        run = RunFolder(tmp_path / f"run{until}")
+        run.begin(config, "test")
+        calls = iter(range(99))
+        Trainer(config, PLATFORM, run).train(ignore, lambda: next(calls) + 1 >= until)  # noqa: B023
+        torch.manual_seed(until)
+        again = Trainer(config, PLATFORM, run)
+        again.resume()
+        again.train(ignore)
+        agents.append(run.agent_file.read_bytes())
+    assert again.steps == config.total_timesteps
+    assert agents[1] == agents[0] == agents[2]
 
 
 def test_a_craft_with_a_wheel_flies_by_its_run(tmp_path, monkeypatch):

@@ -9,6 +9,7 @@ import contextlib
 import shlex
 import warnings
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -133,7 +134,13 @@ def _controller(name: ContestantName, terms: Terms) -> LoadedRun:
     trade_off = None
     if setup is None or not name.needs_setup:
         setup = _named_setup(name, terms.period)
-        if any(setup.task.parts()) or not getattr(CONTROLLERS[maker], "has_trade_off", False):
+        has_trade_off = getattr(CONTROLLERS[maker], "has_trade_off", False)
+        if any(setup.task.parts()) or not has_trade_off:
+            # What a controller may have before the trade-off, such as its folder, is no part of the task.
+            source, _, part = name.part.rpartition(",")
+            if has_trade_off and source:
+                trade_off = name.part
+                name = replace(name, part=part)
             setup = _picked(setup, name)
         else:
             trade_off = name.part or None

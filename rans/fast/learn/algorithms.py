@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.base.errors import ConfigError, brief
@@ -40,8 +41,8 @@ class Algorithm(ABC):
         return None
 
     @classmethod
-    def contestants(cls, config: TrainConfig) -> list[str]:
-        """Names under which what is learnt beside the network flies the task; by default there is nothing."""
+    def contestants(cls, config: TrainConfig, folder: Path) -> list[str]:
+        """Names under which what a run has beside its network flies the task; by default there is nothing."""
         return []
 
     @classmethod
