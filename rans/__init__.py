@@ -24,24 +24,23 @@ from rans.base.lazy import homes
 from rans.tasks import TASKS, gymnasium_ids
 
 if TYPE_CHECKING:
-    from rans.api.agent import Agent as Agent
-    from rans.api.agent import load_agent as load_agent
+    from rans.api.agent import Agent as Agent, load_agent as load_agent
     from rans.api.drafting import init_spacecraft as init_spacecraft
     from rans.api.flying import fly as fly
-    from rans.api.judging import compare as compare
-    from rans.api.judging import evaluate as evaluate
-    from rans.api.names import load_conditions as load_conditions
-    from rans.api.names import load_spacecraft as load_spacecraft
-    from rans.api.names import load_task as load_task
-    from rans.api.pages import export as export
-    from rans.api.pages import report as report
-    from rans.api.pages import view as view
+    from rans.api.judging import compare as compare, evaluate as evaluate
+    from rans.api.names import (
+        load_conditions as load_conditions,
+        load_spacecraft as load_spacecraft,
+        load_task as load_task,
+    )
+    from rans.api.pages import export as export, report as report, view as view
     from rans.api.states import state as state
-    from rans.api.training import train as train
-    from rans.api.training import tune as tune
-    from rans.base.errors import ConfigError as ConfigError
-    from rans.base.errors import RansError as RansError
-    from rans.base.errors import RansWarning as RansWarning
+    from rans.api.training import train as train, tune as tune
+    from rans.base.errors import (
+        ConfigError as ConfigError,
+        RansError as RansError,
+        RansWarning as RansWarning,
+    )
     from rans.base.executors import run_on as run_on
     from rans.base.registry import trust_files as trust_files
     from rans.control.lqr import LQR as LQR
@@ -52,25 +51,28 @@ if TYPE_CHECKING:
     from rans.fast.envs.single import SpacecraftEnv as SpacecraftEnv
     from rans.fast.envs.vector import SpacecraftVectorEnv as SpacecraftVectorEnv
     from rans.fast.learn.config import PPOSettings as PPOSettings
-    from rans.model.spacecraft import Spacecraft as Spacecraft
-    from rans.model.spacecraft import Thruster as Thruster
+    from rans.model.spacecraft import Spacecraft as Spacecraft, Thruster as Thruster
     from rans.model.timing import Timing as Timing
-    from rans.randomization.conditions import BodyConditions as BodyConditions
-    from rans.randomization.conditions import Conditions as Conditions
-    from rans.randomization.conditions import DisturbanceConditions as DisturbanceConditions
-    from rans.randomization.conditions import FaultConditions as FaultConditions
-    from rans.randomization.conditions import SensorConditions as SensorConditions
-    from rans.randomization.conditions import SensorsConditions as SensorsConditions
-    from rans.randomization.conditions import ThrusterConditions as ThrusterConditions
-    from rans.tasks import GoToAttitude as GoToAttitude
-    from rans.tasks import GoToPose as GoToPose
-    from rans.tasks import GoToPosePriced as GoToPosePriced
-    from rans.tasks import GoToPosition as GoToPosition
-    from rans.tasks import MultiTask as MultiTask
-    from rans.tasks import RestReward as RestReward
-    from rans.tasks import TrackTwist as TrackTwist
-    from rans.tasks import TrackVelocity as TrackVelocity
-    from rans.tasks import TrackVelocityHeading as TrackVelocityHeading
+    from rans.randomization.conditions import (
+        BodyConditions as BodyConditions,
+        Conditions as Conditions,
+        DisturbanceConditions as DisturbanceConditions,
+        FaultConditions as FaultConditions,
+        SensorConditions as SensorConditions,
+        SensorsConditions as SensorsConditions,
+        ThrusterConditions as ThrusterConditions,
+    )
+    from rans.tasks import (
+        GoToAttitude as GoToAttitude,
+        GoToPose as GoToPose,
+        GoToPosePriced as GoToPosePriced,
+        GoToPosition as GoToPosition,
+        MultiTask as MultiTask,
+        RestReward as RestReward,
+        TrackTwist as TrackTwist,
+        TrackVelocity as TrackVelocity,
+        TrackVelocityHeading as TrackVelocityHeading,
+    )
 
     __version__: str
 

@@ -11,8 +11,7 @@ from typing import Any, get_type_hints
 from markdown_tables import table
 
 from rans.base.display import meanings
-from rans.model import drift
-from rans.model import fields as field_functions
+from rans.model import drift, fields as field_functions
 from rans.model.dynamics import PlanarState, SpatialState, State
 from rans.model.fields import Heading, Quat, Vec2, Vec3
 from rans.model.random import Random

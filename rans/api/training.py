@@ -24,8 +24,7 @@ from rans.base.files import inside, made_by
 from rans.base.registry import typed
 from rans.base.settled import settled_alone
 from rans.model.spacecraft import Spacecraft
-from rans.model.spacecraft_file import USUAL, to_toml
-from rans.model.spacecraft_file import load_spacecraft as stored_spacecraft
+from rans.model.spacecraft_file import USUAL, load_spacecraft as stored_spacecraft, to_toml
 from rans.model.timing import Timing
 from rans.randomization.conditions_file import conditions_label
 from rans.tasks import Task, registered_name

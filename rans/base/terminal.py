@@ -32,8 +32,7 @@ from rich.progress import (
 from rich.text import Text
 
 from rans.base.errors import legible
-from rans.base.progress import Progress as Step
-from rans.base.progress import Stages
+from rans.base.progress import Progress as Step, Stages
 from rans.base.table import Table, cell_text
 
 _LONGEST = 20_000

@@ -13,23 +13,23 @@ from rans.base.lazy import homes
 from rans.base.registry import Registry
 
 if TYPE_CHECKING:
-    from rans.tasks.base import SingleTask as SingleTask
-    from rans.tasks.base import Task as Task
-    from rans.tasks.base import observation as observation
-    from rans.tasks.derived import observation_columns as observation_columns
-    from rans.tasks.derived import observation_width as observation_width
+    from rans.tasks.base import SingleTask as SingleTask, Task as Task, observation as observation
+    from rans.tasks.derived import (
+        observation_columns as observation_columns,
+        observation_width as observation_width,
+    )
     from rans.tasks.go_to_attitude import GoToAttitude as GoToAttitude
     from rans.tasks.go_to_pose import GoToPose as GoToPose
     from rans.tasks.go_to_pose_priced import GoToPosePriced as GoToPosePriced
     from rans.tasks.go_to_position import GoToPosition as GoToPosition
     from rans.tasks.multi_task import MultiTask as MultiTask
-    from rans.tasks.names import load_task as load_task
-    from rans.tasks.names import registered_name as registered_name
-    from rans.tasks.rewards import RestReward as RestReward
-    from rans.tasks.rewards import Transition as Transition
-    from rans.tasks.tracking import TrackTwist as TrackTwist
-    from rans.tasks.tracking import TrackVelocity as TrackVelocity
-    from rans.tasks.tracking import TrackVelocityHeading as TrackVelocityHeading
+    from rans.tasks.names import load_task as load_task, registered_name as registered_name
+    from rans.tasks.rewards import RestReward as RestReward, Transition as Transition
+    from rans.tasks.tracking import (
+        TrackTwist as TrackTwist,
+        TrackVelocity as TrackVelocity,
+        TrackVelocityHeading as TrackVelocityHeading,
+    )
 
 _LAZY = homes(__file__)
 """Module of each name of this package, loaded on first use."""

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from campaigns.standings import MISSIONS
-from campaigns.standings import rows as standings
+from campaigns.standings import MISSIONS, rows as standings
 from rans.base.files import write_json
 
 DOCS = Path(__file__).parents[2] / "docs"

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 import validation.study.study
-from rans.cli import main
-from rans.cli import train as training
+from rans.cli import main, train as training
 from rans.model.spacecraft_file import load_spacecraft
 from validation.study.checks import Check, Skipped, Study
 

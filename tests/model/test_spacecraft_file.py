@@ -18,8 +18,7 @@ from rans.model.spacecraft_file import (
     spacecraft_text,
     to_toml,
 )
-from tests.support.crafts import nasty_spatial
-from tests.support.crafts import spacecraft as any_spacecraft
+from tests.support.crafts import nasty_spatial, spacecraft as any_spacecraft
 
 VALID = """\
 name = "probe"

@@ -19,9 +19,11 @@ from rans.episode.step import Episode, Setup, World
 from rans.model.fields import leaves
 from rans.model.random import Draws
 from rans.model.spacecraft_file import load_spacecraft
-from rans.randomization.conditions import BodyConditions as Body
-from rans.randomization.conditions import FaultConditions as Faults
-from rans.randomization.conditions import ThrusterConditions as Thrusters
+from rans.randomization.conditions import (
+    BodyConditions as Body,
+    FaultConditions as Faults,
+    ThrusterConditions as Thrusters,
+)
 from rans.randomization.parameters import EpisodeParameters
 
 

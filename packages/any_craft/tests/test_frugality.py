@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_any_craft.frugality import AS_TRAINED, Leisure, cruise_speed, numbers_of
-from rans_any_craft.networks import for_craft
-from rans_any_craft.networks import frugal as at_value
+from rans_any_craft.networks import for_craft, frugal as at_value
 
 from rans import ConfigError
 from rans.base.pretrained import pretrained_folder

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_assurance.circle import RADIUS, START_SPREAD, LookAhead, Progress, fly_circle, tracked
 
 from rans import Spacecraft, Timing, TrackVelocity

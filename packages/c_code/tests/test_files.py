@@ -15,8 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_any_craft.networks import for_craft
 from rans_c_code.compiler import FLAGS, compiled_check, loaded_size
 from rans_c_code.compressed import Packed, Stepped, in_steps

@@ -20,8 +20,7 @@ from rans import ConfigError, GoToPose
 from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
-from tests.support.graphs import model_of
-from tests.support.graphs import step as node
+from tests.support.graphs import model_of, step as node
 
 CRAFT = load_spacecraft("floating-platform")
 TASK = GoToPose()

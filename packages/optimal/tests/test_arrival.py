@@ -9,8 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_missions.tasks.avoid import Zones
 from rans_optimal.arrival import ROUNDINGS, rounded
 from rans_optimal.objectives import MinimumTime

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 from rans_proof.formula import formula_value
 from rans_proof.network import network_of
 from rans_proof.problem import problem_of

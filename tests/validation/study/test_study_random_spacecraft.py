@@ -6,8 +6,7 @@ Hypothesis shrinks a failure to the simplest spacecraft that shows it, and the m
 from __future__ import annotations
 
 import pytest
-from hypothesis import HealthCheck, Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
 from rans.model.spacecraft_file import to_toml
 from tests.support.crafts import spacecraft

@@ -25,12 +25,12 @@ from rans.extend import (
     Stages,
     conditions_text,
     contestant,
+    environment as this_environment,
     inside,
     scenarios,
     unseen_stages,
     view_command,
 )
-from rans.extend import environment as this_environment
 from rans.randomization.conditions_file import conditions_label
 from rans_assurance.assure.bounds import ProbabilityBound
 from rans_assurance.assure.campaign import Campaign

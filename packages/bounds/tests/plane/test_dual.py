@@ -7,8 +7,7 @@ from functools import lru_cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from rans_bounds.flight import fuel, state_after
 from rans_bounds.goal_set import GoalSet
 from rans_bounds.plane.ascent import ascend, scale, towards_goal

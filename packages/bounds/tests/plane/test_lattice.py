@@ -8,8 +8,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_bounds.flight import state_after
 from rans_bounds.goal_set import GoalSet, pulse
 from rans_bounds.plane.dual import Relaxation

@@ -8,8 +8,7 @@ from typing import Any
 import clarabel
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_missions.convex.cone_program import ConeProgram
 from rans_missions.convex.landing import Descent, Lander, landing
 from rans_missions.convex.rendezvous import Flights, least_impulse

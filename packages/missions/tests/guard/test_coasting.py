@@ -6,8 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from rans_missions.guard.ahead import Ahead
 from rans_missions.guard.coasting import Coasting
 from rans_missions.tasks import Avoid, DockPort

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from rans_missions.improve import pulses
 from rans_missions.improve.following import MANNERS, Following
 from rans_missions.improve.pulses import rounded, shortfall

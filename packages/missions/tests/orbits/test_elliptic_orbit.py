@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import example, given
-from hypothesis import strategies as st
+from hypothesis import example, given, strategies as st
 from rans_missions.orbits.earth import EARTH
 from rans_missions.orbits.elliptic import EllipticOrbit, eccentric_anomaly, mean_anomaly
 from scipy.integrate import solve_ivp

@@ -6,8 +6,7 @@ import math
 from dataclasses import replace
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from rans_missions.tasks import Inspect
 from rans_missions.tasks.inspect import Inspected
 
