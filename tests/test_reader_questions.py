@@ -107,7 +107,7 @@ def contract(**changed: object) -> Any:
         "settings": {},
         "control_period": 0.2,
         "readings": {"oldest": 0.02},
-        "observation": [{"column": 0}],
+        "observation": [{"column": 0, "unit": "m", "refused": [-1.0, 1.0]}],
         "spacecraft": {"file": "spacecraft.toml", "sha256": hashed},
     }
 

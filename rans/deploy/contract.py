@@ -30,7 +30,7 @@ from rans.episode.safety_filters import safety_filter
 from rans.episode.scenario import draws, sampled_scenarios, scenario
 from rans.episode.step import Setup
 from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.fly.exported import FORMAT
+from rans.evaluation.fly.exported import FORMAT, longest_age
 from rans.fast.learn.config import TrainConfig, to_table
 from rans.model.dynamics import State
 from rans.model.fields import Vec3, leaves, map_leaves
@@ -286,11 +286,11 @@ def _readings(conditions: Conditions, period: float) -> dict[str, Any]:
     return {
         "age_of_training": late,
         "outage_of_training": outage,
-        "oldest": late + period + outage,
+        "oldest": min(late + period + outage, longest_age(period)),
         "meaning": "age of a reading when a command is decided, s. In training readings came so late, and "
         "for the time of an outage the last ones were repeated; both are the longest of any of its "
-        "conditions. A reading that is older than oldest, which is their sum and a control period, is "
-        "stale: shut the valves.",
+        "conditions. A reading that is older than oldest, which is their sum and a control period, and at most "
+        f"{longest_age(period):g} s, is stale: shut the valves.",
     }
 
 

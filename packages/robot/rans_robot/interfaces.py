@@ -25,7 +25,7 @@ from rans_robot.messages import (
     pack,
     unpack,
 )
-from rans_robot.validator import Reading, command, finite_vector, frame_of_twist, unit
+from rans_robot.monitor import Reading, command, finite_vector, frame_of_twist, unit
 
 RobotName = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 PX4_MOTOR_COUNT = 12

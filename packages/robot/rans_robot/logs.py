@@ -18,8 +18,8 @@ from rans.extend import ConfigError, Spacecraft, brief, counted
 from rans_robot.bag import BagMessage, bag_entries
 from rans_robot.identify.log import MOST_READINGS, FlightLog
 from rans_robot.interfaces import Interface, RobotName
+from rans_robot.monitor import Validator
 from rans_robot.node import FLIGHT_TOPIC, plan_in
-from rans_robot.validator import Validator
 
 _MOST_LISTED = 20
 """Topics of a bag that a message lists."""
@@ -52,7 +52,7 @@ def read_bag(
     """Log of a bag (.mcap), of `rans fly` or of ``ros2 bag record``.
 
     Readings have the times at which they were measured, by their time stamps: the message that came soonest gives
-    the difference of the sender's clock from the bag's, as in flight (`rans_robot.validator`). Commands have
+    the difference of the sender's clock from the bag's, as in flight (`rans_robot.monitor`). Commands have
     no time stamp: theirs are the times at which they were recorded.
 
     Args:

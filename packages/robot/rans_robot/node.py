@@ -29,15 +29,15 @@ from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Message
 from rans_robot.messages import TEXT, read_table, text_message
+from rans_robot.monitor import RULES, Valves, announced
 from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash, runs_code
-from rans_robot.validator import LARGEST_MESSAGE, announced
 
 FLIGHT_TOPIC = "rans/flight"
 """First message of a bag: the plan, as JSON."""
 END_TOPIC = "rans/end"
 """Last message of a bag before the valves are shut: why, "" where the time was up."""
-_LAST_WORDS = 3
-"""Times that the valves are shut at the end of a flight, should a message be lost."""
+LATE_TOPIC = "rans/late"
+"""Before a command in a bag: s by which the agent's own was too late, so that the valves were shut in its place."""
 _ANNOUNCED = 0.25
 """s between two messages that say who flies."""
 _PATIENCE = 0.05
@@ -46,10 +46,6 @@ _MOST_SENTENCES = 100
 """Sentences that may wait for a terminal."""
 _LAST_SENTENCES = 2.0
 """s that the end of a flight waits for a terminal, once the valves are shut."""
-_MOST_STATES = 2000
-"""Messages a second of a topic of the robot's state: twice as many as the fastest motion capture sends."""
-_MOST_OTHERS = 50
-"""Messages a second of another topic, such as goals."""
 
 
 @dataclass
@@ -146,7 +142,13 @@ def fly_over(
     speaker = Speaker(say)
     recorder = None
     if bag is not None:
-        channels = {**pilot.inputs, **pilot.interface.outputs, NOTE_TOPIC: TEXT, END_TOPIC: TEXT}
+        channels = {
+            **pilot.inputs,
+            **pilot.interface.outputs,
+            NOTE_TOPIC: TEXT,
+            LATE_TOPIC: TEXT,
+            END_TOPIC: TEXT,
+        }
         recorder = Recorder(bag, {FLIGHT_TOPIC: TEXT, **channels})
     offset = time.time_ns() - time.monotonic_ns()
     last = 0
@@ -176,7 +178,7 @@ def fly_over(
     # The flight begins; garbage is collected between decisions only.
     begins = unique(time.monotonic_ns())
     record(begins, FLIGHT_TOPIC, TEXT, text_message(json.dumps(asdict(plan))))
-    shut = pilot.shut(begins)
+    valves = Valves(bus, pilot.period, pilot.shut(begins), stopped)
     troubles: set[str] = set()
     collected = gc.isenabled()
     gc.disable()
@@ -195,11 +197,15 @@ def fly_over(
             began = time.monotonic_ns()
             used = time.thread_time_ns()
             moment = unique(began)
+            valves.expect(due)
             decision = pilot.decide(moment)
             messages = pilot.messages(decision, moment)
-            for message in messages:
-                bus.publish(*message)
+            in_time = valves.send(messages)
             sent = time.monotonic_ns()
+            if not in_time:
+                record(moment, LATE_TOPIC, TEXT, text_message(""))
+                decision = pilot.overrule((sent - due) * 1e-9)
+                messages = pilot.messages(decision, moment)
             for message in messages:
                 record(moment, *message)
             report.decisions += 1
@@ -211,7 +217,7 @@ def fly_over(
             report.late.append((began - due) * 1e-9)
             report.missed += sent > due + period
             # What may wait, until the next decision is due.
-            shut = pilot.shut(moment)
+            valves.shut = pilot.shut(moment)
             tell(decision.note)
             for trouble in (
                 *inbox.refill(),
@@ -232,17 +238,17 @@ def fly_over(
                 report.missed += 1
     finally:
         # First, and by bytes that are ready: nothing that fails or waits comes before.
-        refused = shut_valves(bus, shut)
+        refused = valves.close()
         if collected:
             gc.enable()
         # Then the end is written down and said.
-        never_came = pilot.never_came(unique(time.monotonic_ns()))
+        never_came = pilot.monitor.never_came(unique(time.monotonic_ns()))
         if never_came and not report.fault:
             report.fault = never_came
             tell(never_came)
         record(unique(time.monotonic_ns()), END_TOPIC, TEXT, text_message(report.fault))
         moment = unique(time.monotonic_ns())
-        for message in shut:
+        for message in valves.shut:
             record(moment, *message)
         if recorder is not None:
             recorder.close()
@@ -253,27 +259,6 @@ def fly_over(
             tell(refused)
         speaker.close()
     return report
-
-
-def shut_valves(bus: Bus, messages: list[Message]) -> str:
-    """Send the messages that shut all valves, several times; no error of the bus ends this.
-
-    Returns:
-        Why a message was never sent, in a sentence; "" where each was sent at least once.
-    """
-    left = {message.topic for message in messages}
-    why = ""
-    for _ in range(_LAST_WORDS):
-        for message in messages:
-            try:
-                bus.publish(*message)
-                left.discard(message.topic)
-            except Exception as error:  # whatever a bus raises
-                why = str(error) or type(error).__name__
-        time.sleep(0.002)
-    if not left:
-        return ""
-    return f"the bus did not take the command that shuts the valves ({why}): the robot's watchdog must do it."
 
 
 class Speaker:
@@ -331,7 +316,8 @@ class Inbox:
         # Not `queue.SimpleQueue`: its `get` waits forever if its time is over before it begins to wait.
         self._queue: queue.Queue[ReceivedMessage] = queue.Queue()
         states = pilot.interface.inputs
-        rates = {topic: _MOST_STATES if topic in states else _MOST_OTHERS for topic in self._kinds}
+        self._largest, of_states, of_others = map(int, RULES["size"].limits)
+        rates = {topic: of_states if topic in states else of_others for topic in self._kinds}
         self._most = {topic: math.ceil(rate * pilot.period) for topic, rate in rates.items()}
         self._rates = rates
         self._room = dict(self._most)
@@ -348,9 +334,9 @@ class Inbox:
         Threads of the bus call it while the flight's own thread takes messages; `refill` makes room again.
         """
         # In a thread of the bus.
-        if len(data) > LARGEST_MESSAGE:
+        if len(data) > self._largest:
             self._dropped.add(
-                f"{topic}: a message has {len(data):,} bytes, and at most {LARGEST_MESSAGE:,} are read: dropped."
+                f"{topic}: a message has {len(data):,} bytes, and at most {self._largest:,} are read: dropped."
             )
         elif self._room[topic] <= 0:
             self._dropped.add(
@@ -411,7 +397,9 @@ class Announcements:
         self._heard: deque[bytes] = deque(maxlen=16)
 
         def hear(data: bytes) -> None:
-            if identity.encode() not in data and len(data) <= LARGEST_MESSAGE:  # some buses echo
+            if (
+                identity.encode() not in data and len(data) <= RULES["size"].limits[0]
+            ):  # some buses echo
                 self._heard.append(data)
 
         bus.subscribe(AGENT_TOPIC, TEXT, hear)
@@ -510,6 +498,7 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
     equal = 0
     difference = None
     moment = None
+    late = False
     recorded: list[Message] = []
 
     def compare() -> None:
@@ -517,10 +506,13 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
 
         Bytes of all messages of outputs are compared, not numbers.
         """
-        nonlocal decisions, equal, difference
+        nonlocal decisions, equal, difference, late
         if moment is None:
             return
         decision = pilot.decide(moment)
+        if late:
+            decision = pilot.overrule(0.0)
+        late = False
         again = [
             message for message in pilot.messages(decision, moment) if message.topic in outputs
         ]
@@ -543,6 +535,8 @@ def replay_bag(bag: Path, folder: Path | None = None) -> BagReplay:
         moment = None
         if entry.topic == END_TOPIC:
             break
+        if entry.topic == LATE_TOPIC:
+            late = True
         if entry.topic in pilot.inputs:
             pilot.receive(entry.topic, entry.data, entry.time)
     else:

@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from statistics import median
 from types import ModuleType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.effectors.commands import command_bounds
 from rans.episode.safety_filters import safety_filter
 from rans.evaluation.fly.exported import load_exported
 from rans.extend import (
@@ -56,8 +53,7 @@ from rans_robot.interfaces import (
     read_motion,
 )
 from rans_robot.messages import POSE, TEXT, text_message
-from rans_robot.validator import Validator, command, description
-from rans_robot.velocity import VelocityFilter
+from rans_robot.monitor import RULES, Monitor, description
 
 CRAFT_TOPIC = "rans/craft"
 """Topic on which a robot says which spacecraft it is, as JSON in a text."""
@@ -67,8 +63,6 @@ NOTE_TOPIC = "rans/note"
 """Topic on which a node says why valves are shut."""
 GOAL_TOPIC = "goal_pose"
 """Topic on which a goal may come, such as RViz's."""
-_SPREAD = 20
-"""Intervals between states by whose median their rate is judged."""
 
 
 def craft_hash(craft: Spacecraft) -> str:
@@ -118,7 +112,8 @@ class Plan:
     pose_noise: tuple[float, float] = (0.002, 0.005)
     """Standard deviation of measured poses, m and rad, for velocities from poses."""
     lost_after: float = 1.0
-    """s without a state after which the flight ends."""
+    """s without a state, or with readings that contradict one another, after which the flight ends; no less than a
+    reading may be old."""
     wait: float = 10.0
     """s until the first state has to come."""
 
@@ -165,20 +160,6 @@ def check_plan(plan: Plan, craft: Spacecraft, task: Task, period: float) -> None
         safety_filter(setup)
 
 
-@dataclass
-class _Part:
-    """What is known of one topic of a robot's state."""
-
-    came: int | None = None
-    """When its last reading came, ns; None: none did."""
-    moment: int | None = None
-    """When that was measured, by our clock, ns."""
-    intervals: deque[float] = field(default_factory=lambda: deque(maxlen=_SPREAD))
-    """s between readings."""
-    refused: tuple[int, str] | None = None
-    """When the last message came that gave no reading, and why, since the last reading."""
-
-
 class MessagePilot:
     """Turns messages into states, and states into commands.
 
@@ -194,12 +175,10 @@ class MessagePilot:
     def __init__(self, plan: Plan, task: Task, link: str = "") -> None:
         # The agent, its craft and its contract, and how messages of this robot become states.
         self.plan = plan
-        self._link = link
         folder = Path(plan.folder)
         self.contract = read_contract(folder)
         self.craft = RunFolder(folder).spacecraft()
         self.period = float(self.contract["control_period"])
-        self.oldest = float(self.contract["readings"]["oldest"])
         self.agent = exported_agent(folder)
         self.interface = Interface(plan.robot, self.craft.command_count, self.craft.thruster_count)
         self.inputs = {**self.interface.inputs, CRAFT_TOPIC: TEXT, GOAL_TOPIC: POSE}
@@ -215,15 +194,9 @@ class MessagePilot:
             timing = replace(self._task.timing, control_period=self.period)
             setup = Setup(self.craft, self._task, timing)
             self._world = World(setup._replace(guard=safety_filter(setup)))
-        self._filter: VelocityFilter | None = None
-        if not self.interface.has_velocity:
-            self._filter = VelocityFilter(_agility(self.craft), plan.pose_noise)
-        self._limits = command_bounds(self.craft)
         self._hash = craft_hash(self.craft)
-        self._validator = Validator(self.craft.dimension == 2, self.oldest)
+        self.monitor = Monitor(self.craft, self.contract, self.interface, plan, link)
         # What has come, and what was wrong with it.
-        self._reading: dict[str, np.ndarray] = {}
-        self._parts = {topic: _Part() for topic in self.interface.inputs}
         self._began: int | None = None
         self._resting = True
         """Whether the agent's next command is the first of an episode."""
@@ -241,46 +214,14 @@ class MessagePilot:
                 self._check_craft(data)
             elif topic == GOAL_TOPIC:
                 self._take_goal(data, now)
-            elif topic in self._parts:
-                self._take_state(topic, data, now)
+            elif topic in self.interface.inputs and (
+                note := self.monitor.take(topic, self.interface.read(topic, data), now)
+            ):
+                self._troubles[topic] = f"{topic}: {note}."
         except ValueError as error:
             end = "" if str(error).endswith("?") else "."
             self._troubles[topic] = f"{topic}: {error}{end}"
-            if topic in self._parts:
-                self._parts[topic].refused = (now, f"its messages are refused: {error}")
-
-    def _take_state(self, topic: str, data: bytes, now: int) -> None:
-        """Take a message with a state: refuse what is old or implausible, else keep it as the reading.
-
-        Parts of a state come by topic; what a message does not have stays as the last message had it.
-        """
-        part = self._parts[topic]
-        reading = self.interface.read(topic, data)
-        verdict = self._validator.state(topic, reading, now)
-        if verdict.moment is None:  # a reading that is published again is no newer
-            stamp = f"{reading.measured * 1e-9:.6f} s"
-            part.refused = (
-                now,
-                f"messages come, but all have the time stamp {stamp}: is the sensor or its clock frozen?",
-            )
-            return
-        if verdict.note:
-            self._troubles[topic] = f"{topic}: {verdict.note}."
-        self._reading |= {
-            name: value for name in Motion._fields if (value := getattr(reading, name)) is not None
-        }
-        if self._filter is not None:
-            if verdict.was_set:
-                self._filter.begin()
-            motion = self._filter.update(
-                reading.measured, self._reading["position"], self._reading["attitude"]
-            )
-            self._reading |= motion._asdict()
-        if part.came is not None:
-            part.intervals.append((now - part.came) * 1e-9)
-        part.came = now
-        part.moment = verdict.moment
-        part.refused = None
+            self.monitor.refuse(topic, now, f"its messages are refused: {error}")
 
     def _take_goal(self, data: bytes, now: int) -> None:
         """Take a goal at a time, ns: sets it, and lets the agent begin anew (`ValueError` if it is wrong).
@@ -288,7 +229,7 @@ class MessagePilot:
         All that may be refused is before what changes: a refused goal leaves that before.
         """
         reading: Any = read_motion(POSE, data)
-        self._validator.pose(GOAL_TOPIC, reading)
+        self.monitor.goal(GOAL_TOPIC, reading)
         still = np.zeros(3)
         there = state_of(self.craft, Motion(reading.position, reading.attitude, still, still))
         self._goal = replace(self._goal, p=there.p, attitude=there.attitude)
@@ -305,12 +246,12 @@ class MessagePilot:
         if robot.sha256 != self._hash:
             self._fault = (
                 f"the robot is the spacecraft {robot.name} ({brief(robot.sha256[:8])}), but the agent was trained "
-                f"for {self.craft.name} ({self._hash[:8]}): valves shut."
+                f"for {self.craft.name} ({self._hash[:8]})"
             )
-        elif not abs(robot.control_period - self.period) <= 1e-6:
+        elif not abs(robot.control_period - self.period) <= RULES["craft"].limits[0]:
             self._fault = (
                 f"the robot takes a command every {robot.control_period:g} s, but the agent gives one every "
-                f"{self.period:g} s: valves shut."
+                f"{self.period:g} s"
             )
 
     def decide(self, now: int) -> Decision:
@@ -318,33 +259,47 @@ class MessagePilot:
 
         Wrong or old readings shut all valves; it may reset the agent, and forgets troubles that it says.
         """
+        decision = self._decide(now)
+        self.monitor.gave(decision.command)
+        return decision
+
+    def overrule(self, late: float) -> Decision:
+        """The decision in place of one that came so many s too late to be sent: its memory is of another flight."""
+        self._resting = True
+        self.monitor.gave(np.zeros(self.craft.command_count))
+        return self._shut(f"the agent's command came {late:.2f} s after it was due")
+
+    def _shut(self, why: str, over: bool = False) -> Decision:
+        """Shut valves, with the reason; the agent begins anew after it."""
+        self._resting = True
+        return Decision(np.zeros(self.craft.command_count), f"{why}: valves shut.", over)
+
+    def _decide(self, now: int) -> Decision:
         # Without a state, or after a fault, all valves are shut.
         self._began = now if self._began is None else self._began
-        shut = np.zeros(self.craft.command_count)
         troubles = self._troubles
         self._troubles = {}
         if self._fault:
-            return Decision(shut, self._fault, over=True)
-        unfit = self._unfit(now, self._began)
-        if unfit is not None:
-            self._resting = True
-            sentence, over = unfit
-            others = [text for topic, text in troubles.items() if topic not in self._parts]
-            return Decision(shut, " ".join([f"{sentence}: valves shut.", *others]), over)
+            return self._shut(self._fault, over=True)
+        if unfit := self.monitor.unfit(now):
+            shut = self._shut(*unfit)
+            others = [
+                text for topic, text in troubles.items() if topic not in self.interface.inputs
+            ]
+            return shut._replace(note=" ".join([shut.note, *others]))
         if self._resting:
             self.agent.reset()
             self._resting = False
         # The agent's command for the goal as it is now.
-        state = state_of(self.craft, Motion(**self._reading))
+        state = state_of(self.craft, Motion(**self.monitor.reading))
         since = self._began if self._goal_came is None else self._goal_came
         goal = self._task.later(self._goal, (now - since) * 1e-9)
         self.errors = {name: float(error) for name, error in self._task.errors(state, goal).items()}
-        row = observation(self._task, state, goal)
         try:
-            given = command(self.agent.act(np.array(row, dtype=np.float32)), *self._limits)
+            row = self.monitor.observed(observation(self._task, state, goal))
+            given = self.monitor.commanded(self.agent.act(row))
         except (ValueError, ConfigError) as error:
-            self._resting = True
-            return Decision(shut, f"the agent: {str(error).rstrip('.')}: valves shut.")
+            return self._shut(f"the agent: {str(error).rstrip('.')}")
         note = " ".join(troubles.values()) or self.agent.note
         if self._world is None:
             return Decision(given, note)
@@ -367,81 +322,6 @@ class MessagePilot:
     def shut(self, now: int) -> list[Message]:
         """What goes over the bus to shut all valves."""
         return self.interface.command([0.0] * self.craft.command_count, now)
-
-    def _unfit(self, now: int, began: int) -> tuple[str, bool] | None:
-        """Why there is no state to decide by, and whether that ends the flight; None: there is one.
-
-        A state is as old as the oldest of its parts, each of which has a topic.
-
-        The order counts: what is missing is named before what is stale, and rates are judged only of fresh states.
-        """
-        # Ages, s; of a part that never came, since the begin.
-        ages = {
-            topic: (now - (began if part.moment is None else part.moment)) * 1e-9
-            for topic, part in self._parts.items()
-        }
-        age = max(ages.values())
-        if missing := self._missing():
-            if age > self.plan.wait:
-                return self._no_state(missing, now, age), True
-            causes = self._causes(missing, now)
-            return f"waiting for a state on {' and '.join(missing)}{causes}", False
-        # Parts that are older than the contract allows: wait, or give the robot up.
-        stale = [topic for topic in ages if ages[topic] > self.oldest + 1e-9]
-        if stale:
-            on = " and ".join(stale)
-            causes = self._causes(stale, now)
-            if age > self.plan.lost_after:
-                return f"the robot is lost: its last state on {on} is {age:.2f} s old{causes}", True
-            return (
-                f"the state on {on} is {age:.2f} s old, more than the {self.oldest:g} s of the contract{causes}",
-                False,
-            )
-        # Parts that come too seldom, in the median.
-        for topic, part in self._parts.items():
-            usual = median(part.intervals) if len(part.intervals) == _SPREAD else 0.0
-            if usual > 1.5 * self.period:
-                return (
-                    f"states on {topic} come every {usual:.2f} s, but the agent decides every {self.period:g} s",
-                    True,
-                )
-        return None
-
-    def never_came(self, now: int) -> str:
-        """Why no state was complete until a time, ns, in a sentence; "" if one was or nothing was decided."""
-        missing = self._missing()
-        if not missing or self._began is None:
-            return ""
-        return f"{self._no_state(missing, now, (now - self._began) * 1e-9)}."
-
-    def _missing(self) -> list[str]:
-        """Topics of the state on which no reading ever came."""
-        return [topic for topic, part in self._parts.items() if part.moment is None]
-
-    def _no_state(self, missing: list[str], now: int, age: float) -> str:
-        """Sentence that no reading has come on the missing topics for an age in s, with the usual cause."""
-        causes = self._causes(missing, now)
-        came = [topic for topic in self._parts if topic not in missing]
-        robot = self.plan.robot
-        if not causes and came:
-            causes = f" (only {' and '.join(came)} came: is the robot another kind than --robot {robot}?)"
-        elif not causes:
-            causes = (
-                " (is the robot, or its twin, running on the same bus and in the same domain, and does it "
-                f"publish these topics, as --robot {robot} expects?)"
-            )
-        over = f" over {self._link}" if self._link else ""
-        return f"no state came on {' and '.join(missing)}{over} for {age:.2f} s{causes}"
-
-    def _causes(self, topics: list[str], now: int) -> str:
-        """Why there is no new reading on topics on which messages come, as " (...)"; "" where none come."""
-        recent = [
-            f"{topic}: {refused[1]}"
-            for topic in topics
-            if (refused := self._parts[topic].refused) is not None
-            and (now - refused[0]) * 1e-9 <= self.plan.lost_after
-        ]
-        return f" ({'; '.join(recent)})" if recent else ""
 
 
 def state_of(craft: Spacecraft, motion: Motion) -> State:
@@ -670,13 +550,3 @@ def _notes(craft: Spacecraft, task: Task, plan: Plan) -> Any:
     still = vector(*(0.0,) * craft.dimension)
     balls = tuple(Ball(vector(*row[:-1]), still, row[-1]) for row in rows)
     return replace(sampled, zones=balls)
-
-
-def _agility(craft: Spacecraft) -> tuple[float, float]:
-    """Largest acceleration by one thruster, m/s^2, and angular, rad/s^2: how quickly velocities change."""
-    rows = craft.wrenches
-    size = craft.dimension
-    force = float(np.linalg.norm(rows[:, :size], axis=1).max())
-    torque = float(np.linalg.norm(rows[:, size:], axis=1).max())
-    inertia = min(craft.inertia[k][k] for k in range(3))
-    return force / craft.mass, torque / inertia

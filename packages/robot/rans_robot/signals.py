@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import signal
+import socket
 import threading
 
 _NOT_CAUGHT = {"SIGKILL", "SIGSTOP"}
@@ -22,6 +24,9 @@ def stop_on_signals() -> threading.Event:
     (Ctrl-Z), SIGUSR1, SIGXCPU, ... A signal that the process was begun to ignore, as ``nohup`` does with SIGHUP,
     stays ignored, except for SIGINT, which shells ignore for commands in the background. Only the main thread of
     a process can catch signals: elsewhere the event is never set.
+
+    It is set at once, also while the main thread computes in a library, which keeps Python's handlers waiting. A
+    second signal ends the process where it is.
     """
     stop = threading.Event()
     if threading.current_thread() is not threading.main_thread():
@@ -36,4 +41,19 @@ def stop_on_signals() -> threading.Event:
             signal.signal(valid_signal, signal.SIG_IGN)
         elif name == "SIGINT" or signal.getsignal(valid_signal) != signal.SIG_IGN:
             signal.signal(valid_signal, lambda *_: stop.set())
+    # The system's own handler writes the number of a signal, which a thread reads.
+    reader, writer = socket.socketpair()
+    writer.setblocking(False)
+    signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+    os.register_at_fork(after_in_child=lambda: signal.set_wakeup_fd(-1))
+
+    def listen() -> None:
+        while reader.recv(1) and writer:
+            if heard.is_set():
+                os._exit(1)
+            heard.set()
+            stop.set()
+
+    heard = threading.Event()
+    threading.Thread(target=listen, daemon=True, name="signals").start()
     return stop

@@ -3,6 +3,18 @@
 
 template <class T> void publish(Topic &topic, const T &message) { uORB::Publication<T>{&topic}.publish(message); }
 
+/* Motors that are commanded after the module was stopped by its command, of those that are open now. */
+extern "C" void motors_of_stop(float motors[12])
+{
+    actuator_motors_s open{};
+    char name[] = "rans_agent", start[] = "start", stop[] = "stop";
+    char *words[2][2] = {{name, start}, {name, stop}};
+    publish(topic_actuator_motors, open);
+    rans_agent_main(2, words[0]);
+    rans_agent_main(2, words[1]);
+    std::memcpy(motors, reinterpret_cast<actuator_motors_s *>(topic_actuator_motors.data)->control, 48);
+}
+
 /* Motors at a time, us, of an estimate at another time. A time of 0 begins anew. */
 extern "C" void motors_of(uint64_t now, uint64_t sample, const float own[13], const float goal[13], float motors[12])
 {

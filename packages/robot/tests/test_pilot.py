@@ -30,6 +30,7 @@ pytest.importorskip("mcap")
 from rans_robot.bag import BagMessage, Recorder, bag_entries
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import TEXT, text_message, unpack
+from rans_robot.monitor import RULES
 from rans_robot.node import END_TOPIC, Inbox, Report, fly_over, planned_task, replay_bag
 from rans_robot.pilot import AGENT_TOPIC, MessagePilot, code_of
 
@@ -105,7 +106,7 @@ def quick(agent, tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("quick")
     about = json.loads((agent / "contract.json").read_text("utf-8"))
     about["control_period"] = 0.01
-    about["readings"]["oldest"] = 30.0  # this machine may do other work
+    about["readings"]["oldest"] = 30.0
     (folder / "contract.json").write_text(json.dumps(about), "utf-8")
     (folder / "spacecraft.toml").write_bytes((agent / "spacecraft.toml").read_bytes())
     return folder
@@ -119,6 +120,10 @@ def hasty(monkeypatch) -> None:
     monkeypatch.setattr("rans_robot.bag._PATIENCE", PATIENCE)
     monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(OPEN))
     monkeypatch.setattr("rans_robot.node._warm_up", lambda _: None)
+    # This machine may do other work.
+    for rule, limits in (("time", (1e3,)), ("age", (30.0, 3.0))):
+        monkeypatch.setitem(RULES, rule, RULES[rule]._replace(limits=limits))
+    monkeypatch.setattr("rans.evaluation.fly.exported.OLDEST", (30.0, 3.0))
     monkeypatch.setattr(gc, "collect", lambda _=2: 0)  # of all that the tests have imported
 
 

@@ -73,6 +73,7 @@ def motors_of_stand_in(folder) -> Motors:
         library.motors_of(*times, *numbers)
         return result
 
+    motors.library = library
     return motors
 
 
@@ -156,6 +157,12 @@ def test_golden_pairs_through_messages(folder, motors):
         np.testing.assert_array_equal(motors(now, now, *moving)[: len(command)], expected)
     assert len(pairs["command"]) == 160
     assert np.isnan(motors(now + 0.3, now, *moving)).all()
+
+
+def test_stop_shuts_the_motors(motors_of_stand_in):
+    after = np.zeros(12, np.float32)
+    motors_of_stand_in.library.motors_of_stop(after.ctypes.data_as(ctypes.c_void_p))
+    assert np.isnan(after).all()
 
 
 def test_it_flies_the_twin(motors):

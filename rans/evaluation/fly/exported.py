@@ -21,6 +21,21 @@ from rans.tasks import TASKS, Task
 CONTRACT = "contract.json"
 FORMAT = 3
 """Number of the form of contracts, which another meaning of a key makes another one."""
+OLDEST = (2.0, 3.0)
+"""s, or so many control periods if they are longer: no contract lets a reading be older. It is twice as long as the
+longest outage of the conditions of RANS."""
+LONGEST_PERIOD = 100.0
+"""s: largest control period, that of the slowest orbits of RANS's missions."""
+LARGEST = {"m": 1e5, "m/s": 100.0, "rad/s": 100.0}
+"""No reading is larger, beyond all that a thruster-driven craft near its goal does."""
+_LARGEST_OTHER = 1e6
+"""Of columns in other units."""
+
+
+def longest_age(period: float) -> float:
+    """Largest age, s, that a reading may have at a control period, s."""
+    seconds, periods = OLDEST
+    return max(seconds, periods * period)
 
 
 @dataclass(frozen=True)
@@ -33,6 +48,15 @@ class _Contract:
     spacecraft: dict[str, Any]
     readings: dict[str, Any]
     observation: tuple[dict[str, Any], ...]
+
+
+@dataclass(frozen=True)
+class _Column:
+    """What RANS reads of a column of a contract's observation."""
+
+    column: int
+    unit: str
+    refused: tuple[float, float]
 
 
 def is_exported(folder: Path) -> bool:
@@ -59,7 +83,10 @@ def read_contract(folder: Path) -> dict[str, Any]:
             )
         keys = table.keys() & _Contract.__annotations__.keys()
         read = structure({key: table[key] for key in keys}, _Contract, str(file))
-        columns = [column["column"] for column in read.observation]
+        columns = [
+            structure({key: column[key] for key in _Column.__annotations__}, _Column, str(file))
+            for column in read.observation
+        ]
         oldest = read.readings["oldest"]
         timing = {"control_period": table["control_period"]}
         if "episode_steps" in table:  # which earlier exports lack
@@ -75,14 +102,34 @@ def read_contract(folder: Path) -> dict[str, Any]:
             f"{beside} has {own[:8]}: one of them was probably edited after the export, and the agent was made for "
             "what was there before. Export it again."
         )
-    if not columns or columns != [*range(len(columns))]:
+    numbers = [column.column for column in columns]
+    if not columns or numbers != [*range(len(columns))]:
         raise ConfigError(
             f"the columns of the observation in {file} must be numbered from 0, one after the other, got "
-            f"{brief(columns)}."
+            f"{brief(numbers)}."
         )
     one_line(f"agent in {file}", read.agent)
+    # A file makes limits of a flight tighter, and none wider than RANS allows.
     positive(f"readings.oldest in {file}", oldest)
-    structure(timing, Timing, str(file))
+    period = structure(timing, Timing, str(file)).control_period
+    if not period <= LONGEST_PERIOD:
+        raise ConfigError(
+            f"control_period in {file} is {period:g} s, but a command is held for at most {LONGEST_PERIOD:g} s."
+        )
+    longest = longest_age(period)
+    if not oldest <= longest:
+        raise ConfigError(
+            f"readings.oldest in {file} is {oldest:g} s, but a reading may be at most {longest:g} s old: the "
+            f"longer of {OLDEST[0]:g} s and {OLDEST[1]:g} control periods."
+        )
+    for column in columns:
+        largest = LARGEST.get(column.unit, _LARGEST_OTHER)
+        low, high = column.refused
+        if not -largest <= low < high <= largest:
+            raise ConfigError(
+                f"refused of column {column.column} in {file} must ascend, and be within {largest:g} "
+                f"{column.unit} of 0, got {low:g} and {high:g}."
+            )
     return table
 
 

@@ -6,7 +6,7 @@
  *     rans_agent start     then publish trajectory_setpoint6dof, choose offboard mode and arm
  *     rans_agent stop
  *
- * Motor k + 1 is thruster k of contract.json. The motors stop while an estimate or the setpoint is missing, or an
+ * Motor k + 1 is thruster k of contract.json. The motors stop at the end, and while an estimate or the setpoint is missing, or an
  * estimate is older than the contract's readings.oldest. */
 #include <cmath>
 #include <cstring>
@@ -89,7 +89,16 @@ public:
         rans_agent_reset(&_agent);
     }
 
-    ~RansAgent() override { ScheduleClear(); }
+    /* Shut is the last that is commanded, and more than once. */
+    ~RansAgent() override
+    {
+        const float shut[RANS_COMMANDS] {};
+        ScheduleClear();
+
+        for (int k = 0; k < 3; ++k) {
+            command(shut, hrt_absolute_time());
+        }
+    }
 
     void Run() override
     {
@@ -121,7 +130,7 @@ public:
             known = known && measured + OLDEST >= now;
         }
 
-        float command[RANS_COMMANDS] {};
+        float answer[RANS_COMMANDS] {};
 
         if (known) {
             const float p[3] {local.x, local.y, local.z};
@@ -129,24 +138,29 @@ public:
             float observation[RANS_OBSERVATION];
             observe(turned(p, v, spin.xyz, attitude.q),
                     turned(goal.position, goal.velocity, goal.angular_velocity, goal.quaternion), observation);
-            rans_agent_act(&_agent, observation, command);
+            rans_agent_act(&_agent, observation, answer);
 
         } else {
             rans_agent_reset(&_agent);
         }
 
+        command(answer, attitude.timestamp_sample);
+    }
+
+private:
+    void command(const float values[RANS_COMMANDS], hrt_abstime sample)
+    {
         actuator_motors_s motors{};
-        motors.timestamp = now;
-        motors.timestamp_sample = attitude.timestamp_sample;
+        motors.timestamp = hrt_absolute_time();
+        motors.timestamp_sample = sample;
 
         for (int k = 0; k < actuator_motors_s::NUM_CONTROLS; ++k) {
-            motors.control[k] = k < RANS_COMMANDS && command[k] > 0.F ? command[k] : NAN;
+            motors.control[k] = k < RANS_COMMANDS && values[k] > 0.F ? values[k] : NAN;
         }
 
         _motors_pub.publish(motors);
     }
 
-private:
     rans_agent _agent;
     uORB::Subscription _attitude_sub{ORB_ID(vehicle_attitude)};
     uORB::Subscription _spin_sub{ORB_ID(vehicle_angular_velocity)};

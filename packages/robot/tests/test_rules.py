@@ -1,0 +1,320 @@
+"""Every rule of the monitor, in the forms in which agents fly robots and for every kind of robot.
+
+Each flight with a fault ends shut, and is flown again with its rule left out: valves must open then.
+"""
+
+from __future__ import annotations
+
+import json
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple, get_args
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rosbags")
+pytest.importorskip("mcap")
+
+from rans_robot.frames import Motion
+from rans_robot.interfaces import Interface, RobotName
+from rans_robot.messages import FLOATS, unpack
+from rans_robot.monitor import RULES
+from rans_robot.node import fly_over, replay_bag
+from rans_robot.pilot import Decision, MessagePilot
+from rans_robot.twin import Craft, TwinPlan
+
+from rans import ConfigError, GoToPose, load_spacecraft
+from rans.base.pretrained import pretrained_folder
+from rans.deploy.export import write_export
+from rans.evaluation.fly.exported import read_contract
+from tests.support.robots import AWAY, Always, Wire, plan
+
+SECOND = 10**9
+NOW = 1_700_000_000 * SECOND
+RATE = 25
+PERIOD = 0.2
+STEPS = round(RATE * PERIOD)
+BEGIN = 5
+"""Control period in which a fault begins."""
+ROBOTS: tuple[RobotName, ...] = get_args(RobotName)
+PUSH = np.array([0, 0, 1.0, 0, 0, 0, 0, 1.0])
+"""Two thrusters that push along one direction."""
+Fault = Callable[[Motion, float, int], tuple[Motion | None, float]]
+"""What a robot sends of a motion so many s and messages after the begin of a fault, or None, and by how many s its
+time stamp is off."""
+
+
+@pytest.fixture(scope="session")
+def forms(agent, tmp_path_factory) -> dict[str, Path]:
+    """The shipped agent in the forms that robots are flown by."""
+    folder = tmp_path_factory.mktemp("onnx") / "go-to-pose-2d"
+    write_export(pretrained_folder("go-to-pose-2d"), folder, "onnx", episodes=0)
+    return {"numpy": agent, "onnx": folder}
+
+
+def shifted(motion: Motion, *by: float) -> Motion:
+    return motion._replace(position=motion.position + by)
+
+
+def frozen() -> Fault:
+    """The first motion of the fault, again and again."""
+    first: list[Motion] = []
+
+    def fault(motion: Motion, _: float, number: int) -> tuple[Motion, float]:
+        first[number:] = [motion] if number == 0 else []
+        return first[0], 0.0
+
+    return fault
+
+
+class Case(NamedTuple):
+    rule: str
+    fault: Callable[[], Fault]
+    within: int = 2
+    """Control periods until valves are shut."""
+    is_of_twists: bool = False
+    left_out: tuple[float, ...] = (1e12,) * 4
+    behind: tuple[str, ...] = ()
+    """Rules that notice it too."""
+
+
+def sends(change: Callable[[Motion, float, int], Motion]) -> Callable[[], Fault]:
+    return lambda: lambda motion, after, number: (change(motion, after, number), 0.0)
+
+
+CASES = {
+    "beyond 100 km": Case(
+        "number",
+        sends(lambda m, t, k: m._replace(position=m.position * 1e6)),
+        behind=("jump", "observation"),
+    ),
+    "no quaternion": Case(
+        "quaternion",
+        sends(lambda m, t, k: m._replace(attitude=m.attitude * 0.5)),
+        left_out=(0.0, 9.0),
+    ),
+    "high above": Case("plane", sends(lambda m, t, k: shifted(m, 0, 0, 5.0))),
+    # Delays that grow by half a second a second are known as such when they are above the oldest age.
+    "half of real time": Case("age", lambda: lambda m, after, k: (m, -0.5 * after), within=4),
+    "twice real time": Case("pace", lambda: lambda m, after, k: (m, after)),
+    "jumps of 3 m": Case(
+        "jump",
+        sends(lambda m, t, k: shifted(m, 3.0 * (k % 2), 0, 0)),
+        behind=("observation",),
+    ),
+    "jumps of 1 km": Case(
+        "jump",
+        sends(lambda m, t, k: shifted(m, 1e3 * (k % 2), 0, 0)),
+        behind=("observation",),
+    ),
+    "one of five elsewhere": Case(
+        "jump",
+        sends(lambda m, t, k: shifted(m, 4.0 * (k % 5 == 2), 0, 0)),
+        behind=("observation",),
+    ),
+    "frozen": Case("still", frozen),
+    "twist of zero": Case(
+        "twist",
+        sends(lambda m, t, k: m._replace(velocity=np.zeros(3), spin=np.zeros(3))),
+        is_of_twists=True,
+        behind=("still",),
+    ),
+    "no messages": Case("age", lambda: lambda m, t, k: (None, 0.0)),
+}
+
+
+def flown(folder: Path, robot: RobotName, fault: Fault, periods: int = 13) -> list[Decision]:
+    """Decisions of a flight against the twin, without noise, in virtual time."""
+    pilot = MessagePilot(plan(folder, robot=robot), GoToPose())
+    platform = load_spacecraft("floating-platform")
+    craft = Craft(TwinPlan(platform, PERIOD, rate=RATE, start=(2.0, 1.0, 40.0)))
+    found = []
+    for k in range(periods):
+        for number in range((k - BEGIN) * STEPS, (k - BEGIN + 1) * STEPS):
+            now = NOW + number * SECOND // RATE
+            motion: Motion | None = craft.motion
+            off = 0.0
+            if number >= 0:
+                motion, off = fault(craft.motion, number / RATE, number)
+            if motion is not None:
+                for one in pilot.interface.state(motion, now + round(off * SECOND)):
+                    pilot.receive(one.topic, one.data, now)
+            craft.advance()
+        decision = pilot.decide(now + SECOND // 100)
+        craft.hold(decision.command)
+        found.append(decision)
+    return found
+
+
+def opened(decisions: list[Decision]) -> list[bool]:
+    return [bool(decision.command.any()) for decision in decisions]
+
+
+def leave_out(monkeypatch: pytest.MonkeyPatch, rule: str, limits: tuple[float, ...]) -> None:
+    monkeypatch.setitem(RULES, rule, RULES[rule]._replace(limits=limits[: len(RULES[rule].limits)]))
+    if rule == "age":
+        monkeypatch.setattr(
+            "rans_robot.pilot.read_contract",
+            lambda folder: read_contract(folder) | {"readings": {"oldest": 1e6}},
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "robot", "form"),
+    [
+        (name, robot, form)
+        for name, case in CASES.items()
+        for robot in ROBOTS
+        for form in (("numpy", "onnx") if robot == "px4" else ("numpy",))
+        if (Interface(robot, 8, 8).has_velocity and robot != "pose") or not case.is_of_twists
+    ],
+)
+def test_a_fault_shuts_the_valves(name, robot, form, forms):
+    case = CASES[name]
+    decisions = flown(forms[form], robot, case.fault())
+    assert all(opened(decisions)[: BEGIN - 1])
+    assert not any(opened(decisions)[BEGIN + case.within :])
+    assert all(decision.note for decision in decisions[BEGIN + case.within :])
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_without_its_rule_a_fault_is_flown(name, forms, monkeypatch):
+    """By the form that has no rules of its own."""
+    case = CASES[name]
+    leave_out(monkeypatch, case.rule, case.left_out)
+    for rule in case.behind:
+        leave_out(monkeypatch, rule, (1e12,) * 4)
+    robot: RobotName = "ros" if case.is_of_twists else "pose"
+    assert any(opened(flown(forms["onnx"], robot, case.fault()))[BEGIN + case.within :])
+
+
+# What an agent observes, and what it answers
+
+
+def decided(folder: Path, motion: Motion = AWAY, **changes: Any) -> Decision:
+    """The decision on one motion."""
+    pilot = MessagePilot(plan(folder, **changes), GoToPose())
+    if "agent" in changes:
+        pilot.agent = changes["agent"]
+    for one in pilot.interface.state(motion, NOW):
+        pilot.receive(one.topic, one.data, NOW)
+    return pilot.decide(NOW)
+
+
+IMPOSSIBLE = {
+    "50 km": shifted(AWAY, 5e4, 0, 0),
+    "90 m/s": AWAY._replace(velocity=np.array([90.0, 0, 0])),
+    "90 rad/s": AWAY._replace(spin=np.array([0, 0, 90.0])),
+}
+
+
+@pytest.mark.parametrize("motion", IMPOSSIBLE)
+@pytest.mark.parametrize("form", ["numpy", "onnx"])
+def test_what_a_contract_refuses_is_not_flown_in_any_form(form, motion, forms, monkeypatch):
+    decision = decided(forms[form], IMPOSSIBLE[motion])
+    assert not decision.command.any()
+    assert "which is no reading" in decision.note
+    leave_out(monkeypatch, "observation", (1e12,))
+    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(PUSH))
+    assert decided(forms[form], IMPOSSIBLE[motion]).command.any()
+
+
+@pytest.mark.parametrize("answer", [PUSH * 1.01, PUSH * np.nan, -PUSH, [1.0] * 9, [[1.0] * 8]])
+def test_a_command_that_is_none_shuts(answer, agent, monkeypatch):
+    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(answer))
+    decision = decided(agent)
+    assert not decision.command.any()
+    assert "the command is" in decision.note
+    leave_out(monkeypatch, "command", (1e12,))
+    if np.shape(answer) == (8,) and np.isfinite(answer).all():
+        monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(answer))
+        assert decided(agent).command.any() == (max(answer) > 0.0)
+
+
+NUMBERS = [0.0, -1.0, 1e6, float("nan"), float("inf"), None, "1"]
+
+
+@pytest.mark.parametrize("value", NUMBERS)
+def test_no_number_of_a_contract_widens_a_limit(value, agent, tmp_path):
+    """Each number that a flight goes by, set to 0, to its opposite, 1e6 times as large or to no number."""
+    own = read_contract(agent)
+    (tmp_path / "spacecraft.toml").write_bytes((agent / "spacecraft.toml").read_bytes())
+    places: list[Callable[[Any], tuple[Any, Any]]] = [
+        lambda about: (about, "control_period"),
+        lambda about: (about["readings"], "oldest"),
+        lambda about: (about["observation"][3]["refused"], 0),
+        lambda about: (about["observation"][3]["refused"], 1),
+    ]
+    for place in places:
+        about = json.loads(json.dumps(own))
+        table, key = place(about)
+        was = table[key]
+        table[key] = was * value if isinstance(value, float) else value
+        (tmp_path / "contract.json").write_text(json.dumps(about))
+        try:
+            read = read_contract(tmp_path)
+        except ConfigError:
+            continue
+        # What is read is tighter, or the other end of a range that still holds the craft's goal.
+        assert place(read)[0][place(read)[1]] == 0.0 or abs(was * value) <= abs(was)
+        assert key in (0, 1)
+
+
+# The time to decide
+
+
+class Hanging(Always):
+    """An agent that takes a second for its fourth decision."""
+
+    def act(self, observation: np.ndarray) -> np.ndarray:
+        if self.calls == 3:
+            time.sleep(1.0)
+        return super().act(observation)
+
+
+@pytest.mark.parametrize("ends", ["goes on", "is stopped"])
+def test_valves_are_shut_while_an_agent_hangs(ends, agent, tmp_path, monkeypatch):
+    """Within half a period of when it was due, and also when the flight is stopped meanwhile."""
+    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Hanging(PUSH))
+    monkeypatch.setattr("rans_robot.node._warm_up", lambda _: None)
+    leave_out(monkeypatch, "still", (1e12,))  # this robot does not move
+    ends_at = Interface("ros", 8, 8)
+    wire = Wire()
+    times: list[tuple[float, bool]] = []
+    stop = threading.Event()
+
+    def take(data: bytes) -> None:
+        times.append((time.monotonic(), any(unpack(FLOATS, data).data)))
+        if ends == "is stopped" and len([one for one in times if one[1]]) == 3:
+            threading.Timer(0.25, stop.set).start()
+
+    wire.subscribe("commands", FLOATS, take)
+
+    def publish() -> None:
+        while not stop.wait(0.02):
+            for message in ends_at.state(AWAY, time.time_ns()):
+                wire.publish(*message)
+
+    robot = threading.Thread(target=publish)
+    robot.start()
+    bag = tmp_path / "flight.mcap"
+    try:
+        report = fly_over(wire, plan(agent), bag, 3.0, lambda _: None, stop.is_set)
+    finally:
+        stop.set()
+        robot.join()
+    was_open = [moment for moment, is_open in times if is_open]
+    shut = next(moment for moment, is_open in times if not is_open and moment > was_open[2])
+    # A period, half a period, and what a busy machine adds.
+    assert shut - was_open[2] < 0.3 + 0.25
+    assert not times[-1][1]
+    if ends == "goes on":
+        assert len(was_open) > 4
+        assert sum("after it was due" in note for note in report.notes) == 1
+        again = replay_bag(bag)
+        assert again.equal == again.decisions == report.decisions
+    else:
+        assert len(was_open) == 3
