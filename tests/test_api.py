@@ -20,7 +20,6 @@ import torch
 
 import rans
 from rans.base.abilities import PUBLIC
-from rans.episode.scenario import EVALUATION_SEED, scenarios
 from validation.speed.suite import measurements
 
 MODULES = sorted(
@@ -228,44 +227,6 @@ def test_one_name_beside_is_one_controller():
     """Of a text, no letter is one."""
     found = rans.compare("go-to-pose-2d", beside="switching", episodes=2)
     assert [entry.name for entry in found.entries] == ["go-to-pose-2d", "switching"]
-
-
-class Coasting:
-    """Opens no thruster."""
-
-    name = "coasting"
-
-    def __init__(self, craft: rans.Spacecraft, task: object, timing: object) -> None:
-        self._count = len(craft.thrusters)
-
-    def reset(self, count: int) -> None:
-        """Nothing to forget."""
-
-    def act(self, state: object, goal: object, observation: np.ndarray) -> np.ndarray:
-        """Shut, all of them."""
-        return np.zeros((len(observation), self._count))
-
-
-@pytest.mark.slow
-def test_controllers_compete_as_objects_and_by_their_classes():
-    """As they are: who is named has its tuned settings instead."""
-    craft = rans.load_spacecraft("floating-platform")
-    task = rans.GoToPose().for_evaluation()
-    given = rans.Switching(craft, task)
-    misfit = Coasting(rans.load_spacecraft("free-flyer"), None, None)
-    found = rans.compare(
-        "switching:go-to-pose-2d", Coasting, given, misfit, beside=["switching"], episodes=2
-    )
-    assert [entry.name for entry in found.entries] == ["switching", "coasting", "switching (3)"]
-    _, coasting, switching = (entry.flight for entry in found.entries)
-    assert not coasting.commands.any()
-    alone = rans.fly(craft, task, given, scenarios(task, craft, EVALUATION_SEED, 2), rans.Timing())
-    np.testing.assert_array_equal(switching.commands, alone.commands)
-    (failure,) = found.failures
-    assert (
-        "the controller 'Coasting' must answer 2 observations with commands of shape (2, 8)"
-        in failure
-    )
 
 
 def test_numbers_of_numpy_are_numbers():

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ from stable_baselines3 import A2C
 
 import rans
 from rans import ConfigError
-from rans.cli import main
 
 
 def shut(observation: np.ndarray) -> np.ndarray:
@@ -107,35 +105,3 @@ def test_a_failing_function_is_named_with_its_line():
         match=r"fails failed: ConfigError: no thrust today \(test_judging\.py, line \d+, in fails\)",
     ):
         rans.load_agent(fails, "go-to-pose").evaluate(episodes=1)
-
-
-@pytest.fixture(scope="module")
-def file(model, tmp_path_factory) -> Path:
-    saved = tmp_path_factory.mktemp("sb3") / "policy.zip"
-    model.save(saved)
-    return saved
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "command",
-    [
-        [
-            "stress",
-            "pretrained:go-to-pose-2d",
-            "{}",
-            "--episodes",
-            "2",
-            "--only",
-            "latency",
-            "--trust",
-        ],
-        ["compare", "{}:go-to-pose-2d@floating-platform", "--with", "--episodes", "2", "--trust"],
-    ],
-    ids=lambda command: " ".join(command[:2]),
-)
-@pytest.mark.usefixtures("here")
-def test_a_file_of_stable_baselines_flies_in_every_command(command, file, monkeypatch):
-    monkeypatch.setenv("RANS_TRUST", "")
-    assert main([word.format(f"sb3:{file}") for word in command]) == 0
-    assert main([word.format(f"sb3:{file}") for word in command if word != "--trust"]) == 2

@@ -5,23 +5,16 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable
-from concurrent.futures import Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 import rans
-from rans import LQR, ConfigError, RansError, Timing, run_on
+from rans import ConfigError, RansError, run_on
 from rans.base.processes import Workers, nothing
-from rans.cli import main
-from rans.episode.step import Setup
-from rans.evaluation.fly import episodes
-from rans.model.fields import leaves
-from tests.support.draws import PLATFORM
 from tests.support.processes import wait_until
 
 
@@ -149,35 +142,6 @@ def test_a_worker_of_another_version_is_a_sentence(monkeypatch):
         list(Workers(nothing).ordered(refuses, JOBS[:1]))
 
 
-def of_this_file() -> Executor:
-    return Serial()
-
-
-def flights(workers: int | None) -> tuple[list[np.ndarray], int]:
-    """Three episodes in Drake, each a job of its own, and failures of the solver."""
-    task = rans.GoToPose()
-    setup = Setup(PLATFORM, task, Timing(episode_steps=10))
-    controller = LQR(PLATFORM, task, setup.timing)
-    flown = episodes.fly_episodes(controller, setup, 1, 3, "drake", workers)
-    return [np.asarray(leaf) for leaf in leaves(flown.states)], flown.stopped
-
-
-@pytest.mark.slow
-def test_flights_in_drake_are_those_of_this_process(monkeypatch):
-    """In a pool of the user, whose process is prepared by nobody, and in one without processes."""
-    monkeypatch.setattr(episodes, "_SHARE", 1)
-    states, stopped = flights(1)
-    with run_on(Serial()):
-        again, failures = flights(None)
-    assert failures == stopped
-    with ProcessPoolExecutor(1, get_context("spawn")) as pool, run_on(pool):
-        others, failures = flights(None)
-    assert failures == stopped
-    for one, two, three in zip(states, again, others, strict=True):
-        np.testing.assert_array_equal(one, two)
-        np.testing.assert_array_equal(one, three)
-
-
 def killed_once(_: None, folder: Path, number: int) -> tuple[int, int]:
     """The first process that takes the second job is killed in it, as by a system without memory."""
     mark = folder / "killed"
@@ -209,34 +173,5 @@ def test_a_killed_worker_of_dask_costs_no_job(tmp_path, monkeypatch):
     assert os.getpid() not in {process for _, process in found.values()}
 
 
-class Counting(ThreadPoolExecutor):
-    """An executor that counts."""
-
-    count = 0
-
-    def submit(self, function: Callable[..., Any], /, *arguments: Any, **_: Any) -> Future[Any]:
-        """See the base."""
-        type(self).count += 1
-        return super().submit(function, *arguments)
-
-
-@pytest.mark.usefixtures("here", "undrawn")
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("who", "part", "jobs", "said"),
-    [
-        ("go-to-pose-2d", 8, 2, "rans: 2 jobs ran on tests.base.test_executors:Counting"),
-        ("go-to-pose-2d", 4096, 0, "rans: nothing ran on tests.base.test_executors:Counting"),
-    ],
-)
-def test_a_command_says_what_ran_on_its_executor(who, part, jobs, said, monkeypatch, capsys):
-    """Flights of an agent are cut into jobs, too; what the executor does not get is said."""
-    monkeypatch.setattr(episodes, "_FAST_SHARE", part)
-    monkeypatch.setattr(Counting, "count", 0)
-    words = ["evaluate", who, "--episodes", "16"]
-    assert main([*words, "--executor", "tests.base.test_executors:Counting"]) == 0
-    printed = capsys.readouterr()
-    assert Counting.count == jobs
-    assert said in " ".join(printed.err.split())
-    assert main(words) == 0
-    assert capsys.readouterr().out == printed.out  # the same flights
+def of_this_file() -> Executor:
+    return Serial()

@@ -10,7 +10,7 @@ import pytest
 from campaigns import reproduce
 from campaigns.markdown import Table
 from campaigns.provenance import page, unlisted
-from campaigns.reproduce import Reproduce, agree, compared, reproduced
+from campaigns.reproduce import agree, compared, reproduced
 from campaigns.runner import Campaign, Shown
 from campaigns.table import ROWS
 
@@ -92,56 +92,6 @@ def test_a_table_is_compared_cell_by_cell():
     assert sum(count for _, count in compared(before, now, SOURCE, False, False)) == 8
 
 
-def test_rows_that_a_quick_run_leaves_out_do_not_differ():
-    """Only where the list says that it leaves some out, and only in a quick run."""
-    before = table(("lqr", "64", "90.0", "2.00", "3"), ("mpc", "64", "50.0", "1.00", "2"))
-    now = table(before.rows[1])  # type: ignore[arg-type]
-    partial = replace(SOURCE, fewer_rows=True)
-    assert [one for one, _ in compared(before, now, partial, True, False) if one] == []
-    assert any(one for one, _ in compared(before, now, partial, False, False))
-    assert any(one for one, _ in compared(before, now, SOURCE, True, False))
-
-
-def test_rows_are_paired_by_what_they_are_about_and_not_by_what_was_measured():
-    """A row of fewer starts has another mean, with its unit."""
-    headings = "who", "starts", "time", "impulse", "worst"
-    before = Table("x.md", "x", headings, (("lqr", "2", "12.4 s", "2.00", "3"),) * 2, "")
-    now = Table("x.md", "x", headings, (("lqr", "1", "12.5 s", "2.01", "3"),), "")
-    named = replace(SOURCE, fewer_rows=True, named_by=1, uncompared=("starts", "worst"))
-    assert sum(count for _, count in compared(before, now, named, True, False)) == 6
-    assert not any(
-        count for _, count in compared(before, now, replace(named, named_by=3), True, False)
-    )
-
-
-def test_rows_in_another_order_are_compared_with_themselves():
-    """Rows of what errors cost stand by their cost."""
-    before = table(("mass", "64", "90.0", "2.00", "3"), ("delay", "64", "50.0", "1.99", "2"))
-    now = table(("delay", "64", "50.0", "1.99", "2"), ("mass", "64", "90.0", "2.00", "3"))
-    assert not any(one for one, _ in compared(before, now, SOURCE, True, False))
-    # Where two rows have one name only their numbers tell them apart.
-    twice = table(*(("mass", *row[1:]) for row in now.rows))
-    assert any(one for one, _ in compared(before, twice, SOURCE, True, False))
-
-
-def test_a_row_without_any_cell_is_a_failure(tmp_path):
-    """The command leaves an empty table of evidence."""
-    (tmp_path / "empty.py").write_text(
-        "import json\nfrom pathlib import Path\n"
-        f"file = Path({str(ROOT / 'docs' / 'validation' / 'dock-errors.json')!r})\n"
-        "evidence = json.loads(file.read_text()) | {'rows': []}\n"
-        "Path('docs/validation/dock-errors.json').write_text(json.dumps(evidence))\n"
-    )
-    source = replace(
-        ROWS["dock with errors"],
-        commands=(f"python -S {tmp_path / 'empty.py'}",),
-        quick=(),
-        fewer_rows=True,
-    )
-    result = reproduced("dock with errors", source, True, tmp_path / "flown")
-    assert result.failed.startswith("nothing was measured")
-
-
 def test_a_row_is_flown_in_a_copy_and_a_changed_figure_is_reported(tmp_path):
     """The command here changes two shares of the evidence: by as much as fewer flights may, and by far more."""
     name = "dock-errors.json"
@@ -159,37 +109,3 @@ json.dump(evidence, open("docs/validation/{name}", "w"))"""
     text = reproduce.report([result], False, 1.0)
     assert "| dock with errors |" in text
     assert "| revision |" in text
-
-
-def test_a_command_that_writes_nothing_is_a_failure(tmp_path):
-    source = replace(ROWS["dock with errors"], commands=("python -c pass",))
-    result = reproduced("dock with errors", source, False, tmp_path)
-    assert result.failed.startswith("no evidence of dock with errors")
-
-
-def test_evidence_without_versions_is_compared(tmp_path):
-    """The command copies what stands, without the versions that made it."""
-    file = ROOT / "docs" / "validation" / "judges.json"
-    (tmp_path / "copy.py").write_text(
-        f"import json; found = json.load(open({str(file)!r})); del found['environment']; "
-        "json.dump(found, open('docs/validation/judges.json', 'w'))"
-    )
-    source = replace(ROWS["judges"], commands=(f"python -S {tmp_path / 'copy.py'}",), moved=())
-    result = reproduced("judges", source, False, tmp_path / "flown")
-    assert result.verdict().startswith("equal")
-    assert not result.same_machine
-
-
-def test_a_fault_of_one_row_is_not_the_end_of_the_others(tmp_path, monkeypatch):
-    def faulty(name, *_):
-        if name == "safe states":
-            raise ZeroDivisionError("float division by zero")
-        return reproduce.Result(name, cells=3)
-
-    monkeypatch.setattr(reproduce, "reproduced", faulty)
-    rows = {name: ROWS[name] for name in ("safe states", "dock with errors")}
-    monkeypatch.setattr(reproduce, "ROWS", rows)
-    assert Reproduce(output=tmp_path).run() == 1
-    text = (tmp_path / "differences.md").read_text("utf-8")
-    assert "ZeroDivisionError: float division by zero" in text
-    assert "equal (3 cells)" in text

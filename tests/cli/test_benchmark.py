@@ -26,37 +26,6 @@ def _small(monkeypatch) -> None:
 QUICK = ["floating-platform", "--quick"]
 
 
-@pytest.mark.slow
-def test_figures(ran, tmp_path, monkeypatch):
-    monkeypatch.setattr("validation.speed.flights._UNITS", {2: (64,)})  # of three sizes
-    file = tmp_path / "speed.json"
-    text = ran("benchmark", *QUICK, "--output", str(file))
-    assert text.index("ratio") < text.index("memory copy")  # what matters comes first
-    for part in (
-        "floating-platform, 64 environments",
-        "PPO, floating-platform",
-        "percentile",
-    ):
-        assert part in text
-    content = json.loads(file.read_text())
-    measured = [row for row in content["measurements"] if not row["name"].startswith("ONNX")]
-    assert {row["kind"] for row in measured} == {
-        "memory",
-        "engine",
-        "flights",
-        "training",
-        "policy",
-    }
-    assert all(row["value"] > 0 for row in measured)
-    assert content["environment"]["device"] == "CPU"
-    assert content["command"].startswith("rans")
-    shares = {row["name"]: row["value"] for row in content["ratios"]}
-    # of 250 bytes: state 24, goal 4, clock 4, first number 4, action 8, observations 80, reward 24, flags 3
-    assert (
-        shares["floating-platform, one environment: share of the 250 bytes aimed at"] == 151 / 250
-    )
-
-
 def test_interrupted_it_shows_and_writes_what_was_measured(ran, tmp_path, monkeypatch):
     """Ctrl-C comes while the first agent is timed."""
 

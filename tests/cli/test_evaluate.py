@@ -4,20 +4,16 @@ import errno
 import json
 import shutil
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from rans import MultiTask
 from rans.cli import main
 from rans.evaluation.fly import choice, episodes
 from rans.evaluation.fly.choice import Choice, Rival
 from rans.evaluation.fly.contestant_name import ContestantName
 from rans.evaluation.fly.contestants import contestant
-from rans.show.pages.report import report_from_run
-from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture
@@ -81,56 +77,6 @@ def test_conditions_of_one_name_have_files_apart(run_folder, tmp_path, capsys):
     assert len(written) == 5
     assert {"evaluation.json", "evaluation-lab.json"} <= set(written)
     assert len(list(run_folder.glob("episodes*.npz"))) == 5
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_a_protocol_has_its_own_files(run_folder):
-    options = "--episodes 3 --protocol original --full"
-    assert main(f"evaluate {run_folder} {options}".split()) == 0
-    written = json.loads((run_folder / "evaluation-original.json").read_text())
-    assert (written["fast"]["spacecraft"], written["fast"]["steps"]) == (
-        "floating-platform-shared",
-        250,
-    )
-    with np.load(run_folder / "episodes-original.npz") as episodes:
-        assert episodes["states"].shape == (251, 3, 6)
-        assert episodes["PT5"].shape == (3,)
-    assert written["about"]["command"].startswith("rans")  # which a dossier repeats
-    assert not (run_folder / "evaluation.json").exists()
-    report = report_from_run(run_folder)
-    assert "Evaluation original" in [section.title for section in report.sections]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_a_multi_task_agent_is_judged_task_by_task(tmp_path):
-    tasks = MultiTask(tasks=("go-to-pose", "track-twist"))
-    trainer = tiny_trainer(tmp_path / "all", replace(CONFIG, task="multi-task", settings=tasks))
-    trainer.save()
-    assert main(f"evaluate {tmp_path}/all --episodes 2".split()) == 0
-    names = {
-        name: {
-            row["name"]
-            for row in json.loads((tmp_path / "all" / f"evaluation-{name}.json").read_text())[
-                "fast"
-            ]["rows"]
-        }
-        for name in tasks.tasks
-    }
-    assert "position error" in names["go-to-pose"] - names["track-twist"]
-    assert "velocity error" in names["track-twist"] - names["go-to-pose"]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_the_seed_decides(run_folder):
-    results = []
-    for seed in ("1", "2"):
-        assert main(f"evaluate {run_folder} --episodes 6 --seed {seed}".split()) == 0
-        written = json.loads((run_folder / "evaluation.json").read_text())
-        results.append(written["fast"])
-    assert results[0] != results[1]
 
 
 @pytest.mark.slow

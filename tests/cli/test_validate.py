@@ -2,7 +2,6 @@
 
 import json
 import shutil
-import sys
 from dataclasses import replace
 
 import pytest
@@ -77,28 +76,6 @@ def test_what_could_not_be_checked_is_said(monkeypatch, ran):
     assert "not run" in printed
     assert "Nothing could be checked" in printed
     assert "C++ compiler" in printed
-
-
-@pytest.mark.slow
-def test_conditions_are_flown_effect_by_effect(tmp_path, monkeypatch):
-    """Their own file is named in the command that repeats them."""
-    file = tmp_path / "push.toml"
-    folder = tmp_path / "checked"
-    file.write_text(
-        "[disturbances]\nforce = [0.0, 0.2]\n[sensors.position]\nnoise = 0.01\n", "utf-8"
-    )
-    command = ["validate", "--quick", "--layer", "conditions", "--conditions", str(file)]
-    command += ["--output", str(folder)]
-    monkeypatch.setattr(sys, "argv", ["rans", *command])
-    assert main(command) == 0
-    read = json.loads((folder / "validation.json").read_text("utf-8"))
-    assert [check["name"] for check in read["checks"]] == [
-        f"{group}: {what}"
-        for group in ("steady pushes", "readings", "all together")
-        for what in ("motion", "told")
-    ]
-    assert f"--layer conditions --conditions {file}" in read["command"]
-    assert read["curves"]  # how errors grow under all of them
 
 
 def test_valves_that_cannot_do_what_is_asked_are_told_before_anything_is_checked(

@@ -26,18 +26,6 @@ def _elsewhere(tmp_path, monkeypatch) -> None:
         monkeypatch.delenv(display, raising=False)
 
 
-@pytest.mark.slow
-def test_a_replay_is_saved(ran):
-    options = "--episodes 2 --engine drake --save replay.html"
-    printed = ran(f"view lqr:go-to-pose-2d lqr:go-to-pose-3d {options}")
-    assert printed.startswith("replay.html shows LQR. ")
-    assert Path("replay.html").stat().st_size < 5e5
-    assert (
-        "<title>go-to-pose, floating-platform and free-flyer</title>"
-        in Path("replay.html").read_text()
-    )
-
-
 def test_a_page_in_which_an_agent_flies(ran, refused):
     printed = ran("view pretrained:go-to-pose-2d --play --save fly.html --episode 3")
     assert printed.startswith("fly.html (")

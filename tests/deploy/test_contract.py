@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rans import Conditions, GoToPose, SensorsConditions
+from rans import Conditions, SensorsConditions
 from rans.base.files import plain
 from rans.base.pretrained import pretrained_folder
 from rans.deploy.contract import (
@@ -22,7 +22,6 @@ from rans.deploy.contract import (
     contract,
     flights_of_training,
     golden,
-    recorded,
 )
 from rans.episode.step import Setup
 from rans.evaluation.fly.agent import Agent, load_policy
@@ -249,22 +248,6 @@ def test_a_contract_says_what_an_engineer_asks_first(folder):
     assert perfect["trade_off"] is None
 
 
-@pytest.mark.slow
-def test_valid_ranges_leave_out_flights_that_failed():
-    """A task in space that fails above 2 rad/s: of 32 flights some are faster, and none of them is kept."""
-    folder = pretrained_folder("go-to-pose-3d")
-    run = load_policy(folder)
-    setup = Setup(run.craft, GoToPose(fail_spin=2.0), run.timing)
-    every, _ = recorded(run.controller, setup, count=32)
-    spin = np.linalg.norm(every.observations[..., 9:12], axis=-1).max(axis=0)
-    kept = np.linalg.norm(
-        flights_of_training(run.controller, setup, count=32).observations[..., 9:12], axis=-1
-    )
-    assert spin.max() > 2.0
-    assert kept.max() <= 2.0
-    assert 0 < kept.shape[1] == (spin <= 2.0).sum() < 32
-
-
 def test_readings_may_be_as_old_as_in_any_condition_of_the_training():
     """The training of `go-to-pose-2d-robust` has outages of up to 1 s in two of its further conditions."""
     run = RunFolder(pretrained_folder("go-to-pose-2d-robust"))
@@ -277,24 +260,6 @@ def test_readings_may_be_as_old_as_in_any_condition_of_the_training():
     readings = contract("", config, run.spacecraft(), "", 0, seen)["readings"]
     assert readings["age_of_training"] == pytest.approx(0.4)
     assert readings["oldest"] == pytest.approx(0.6)
-
-
-@pytest.mark.slow
-def test_a_multi_task_contract_has_the_columns_of_every_task(folder):
-    """Flags and order of docs/tasks.md's table."""
-    tasks = {one["task"]: one for one in contract_of(folder("multi-task-2d"))["tasks"]}
-    assert {name: one["flag"] for name, one in tasks.items()} == {
-        "go-to-position": 0.0,
-        "go-to-pose": 1.0,
-        "track-velocity": 2.0,
-        "track-twist": 3.0,
-        "track-velocity-heading": 4.0,
-    }
-    names = {name: [column["name"] for column in one["columns"][6:]] for name, one in tasks.items()}
-    assert names["go-to-pose"] == ["dx", "dy", "cos dheading", "sin dheading"]
-    assert names["track-twist"] == ["dv_x", "dv_y", "dw_z", "unused"]
-    spin = tasks["track-twist"]["columns"][8]
-    assert spin["meaning"] == "w_WG - w_WB in B: angular velocity of the goal minus own"
 
 
 @pytest.mark.slow

@@ -307,23 +307,6 @@ def test_places_are_about_the_centre_of_mass() -> None:
         assert np.subtract(b["position"], a["position"]) == pytest.approx([0.01, -0.02, 0.0])
 
 
-@pytest.mark.slow
-def test_any_number_of_rows_and_one(tmp_path: Path) -> None:
-    network, _, seen = remembering()
-    written(tmp_path, network, *FORMS)
-    rows = seen[20]
-    memory = (
-        np.random.default_rng(0).normal(size=(4, network.architecture.memory)).astype(np.float32)
-    )
-    for form in FORMS:
-        answer = ANSWERS[form](tmp_path)
-        whole, after = answer(rows, memory)
-        for k in range(4):
-            alone, then = answer(rows[k : k + 1], memory[k : k + 1])
-            np.testing.assert_array_equal(alone[0], whole[k])
-            np.testing.assert_allclose(then[0], after[k], atol=1e-6)
-
-
 def test_the_file_says_what_it_is(tmp_path: Path) -> None:
     """For runtimes and viewers: names, types, free rows, and the contract."""
     onnx = pytest.importorskip("onnx")

@@ -14,12 +14,9 @@ import pytest
 import torch
 from torch.utils._python_dispatch import TorchDispatchMode
 
-from rans import Engine
 from rans.fast.learn.ppo import PPOLearner
-from tests.support.engines import FLYER, NEAR, PLATFORM, SHORT
+from tests.support.engines import FLYER, PLATFORM
 from tests.support.training import tiny_learner
-
-SLACK = 1.1
 
 
 class _Counting(TorchDispatchMode):
@@ -48,30 +45,6 @@ def trained(craft: Any = PLATFORM, **settings: Any) -> PPOLearner:
     model.collect()
     model.update()
     return model
-
-
-def updates(craft: Any = PLATFORM, **settings: Any) -> int:
-    return operations(trained(craft, **settings).update).total()
-
-
-@pytest.mark.parametrize(
-    ("craft", "counted"), [(PLATFORM, 124), (FLYER, 124)], ids=["plane", "space"]
-)
-def test_a_minibatch(craft, counted):
-    """What one more epoch of two minibatches adds; and a third adds as much as the second.
-
-    Twenty of them are Adam's, one kernel where they are compiled.
-    """
-    one, two, three = (updates(craft, n_epochs=epochs) for epochs in (1, 2, 3))
-    assert three - two == two - one
-    assert (two - one) / 2 <= SLACK * counted
-
-
-def test_what_a_critic_is_told_of_conditions():
-    """However many numbers they draw: all of them beside each other, less the mean, times the scale."""
-    engine = Engine(PLATFORM, NEAR, 16, SHORT, conditions="lab", remember=True)
-    assert engine.privileged_quantities.width > 10
-    assert operations(engine.privileged).total() == 3
 
 
 @pytest.mark.parametrize("craft", [PLATFORM, FLYER], ids=["plane", "space"])

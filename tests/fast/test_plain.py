@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import sys
-from collections import Counter
-from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium
@@ -29,11 +25,6 @@ from tests.support.training import learner_on
 SHORT = Timing(episode_steps=40)
 SHORTEST = Timing(episode_steps=5)
 """Timing of flights of which every call of a function is noted, which takes ten times as long."""
-PACKAGE = Path(rans.__file__).parent
-STEP_FILES = 14
-"""Of ours, that one step of an environment touches in plain mode."""
-LEARNER_FILES = 14
-"""Of ours, that one iteration of PPO touches beside those of its steps and resets."""
 
 
 @dataclass(frozen=True)
@@ -147,39 +138,6 @@ def test_environments_hand_the_flag_to_their_engine(witness):
 
 
 # What a newcomer reads.
-
-
-def test_a_step_touches_few_files():
-    engine = Engine(PLATFORM, "go-to-pose", 8, plain=True)
-    command = torch.zeros(8, 8)
-    engine.step(command)
-    assert len(found := touched(lambda: engine.step(command))) <= STEP_FILES, sorted(found)
-
-
-def test_an_iteration_touches_few_files_beside_those_of_its_steps():
-    engine = Engine(PLATFORM, "go-to-pose", 16, SHORTEST, plain=True)
-    learner = learner_on(engine, n_steps=4)
-    learner.learn()
-    steps = touched(lambda: [engine.step(torch.zeros(16, 8)) for _ in range(6)])
-    found = touched(learner.learn).keys() - steps.keys()
-    assert len(found) <= LEARNER_FILES, sorted(found)
-
-
-def touched(action: Callable[[], object]) -> Counter[str]:
-    """How many functions of each of our files an action calls."""
-    found = Counter[str]()
-
-    def note(frame: Any, event: str, arg: Any) -> None:
-        if (file := Path(frame.f_code.co_filename)).is_relative_to(PACKAGE):
-            found[str(file.relative_to(PACKAGE))] += 1
-
-    before = sys.gettrace()
-    sys.settrace(note)
-    try:
-        action()
-    finally:
-        sys.settrace(before)
-    return found
 
 
 def test_gradients_lead_through_several_steps():

@@ -24,7 +24,6 @@ from rans_c_code.formats import C, rounded
 from rans_c_code.text import DIALECT
 from scipy.spatial.transform import Rotation
 
-from rans.base.errors import ConfigError
 from rans.base.files import plain
 from rans.base.pretrained import pretrained_folder
 from rans.cli import main
@@ -147,20 +146,6 @@ def test_golden_pairs_come_out_of_a_microcontroller(folder: Path, tmp_path: Path
 
 
 @pytest.mark.slow
-def test_the_check_finds_a_guard_that_a_compiler_leaves_out(folder: Path, tmp_path: Path) -> None:
-    """The guard as it once was, by comparisons: right by the standard, gone where numbers are taken for finite."""
-    for name in C.files:
-        shutil.copy(folder / name, tmp_path)
-    text = (folder / "agent.c").read_text("utf-8")
-    by_bits = "return (bits & 0x7F800000U) != 0x7F800000U;"
-    assert text.count(by_bits) == 1
-    by_value = "(void)bits;\n    return isfinite(*number);"
-    (tmp_path / "agent.c").write_text(text.replace(by_bits, by_value))
-    with pytest.raises(ConfigError, match=r"are flown\. \(built by .*-ffast-math\)"):
-        compiled_check(tmp_path)
-
-
-@pytest.mark.slow
 def test_a_struct_without_a_reset_shuts_the_valves(folder: Path) -> None:
     """Of zeros, of ones, of what an overwritten counter holds; until it is reset."""
     code = library(folder)
@@ -180,66 +165,6 @@ def test_a_struct_without_a_reset_shuts_the_valves(folder: Path) -> None:
         state.view(np.int32)[1 + memory + width] = held
         status = code.rans_agent_act(pointer(state), pointer(row), pointer(command))
         assert status == SHUT | UNREADY
-
-
-PAINTED = """
-#include "agent.h"
-#include <pthread.h>
-#include <stdio.h>
-#include <string.h>
-
-static rans_agent agent;
-static char painted[1 << 20] __attribute__((aligned(4096)));
-
-static void *idle(void *argument) { return argument; }
-
-static void *act(void *argument)
-{
-    float command[RANS_COMMANDS];
-    const float *observation = argument;
-    rans_agent_act(&agent, observation, command);
-    return NULL;
-}
-
-static long used_by(void *(*body)(void *), void *argument)
-{
-    pthread_t thread;
-    pthread_attr_t attributes;
-    long untouched = 0;
-    memset(painted, 0x5A, sizeof painted);
-    pthread_attr_init(&attributes);
-    pthread_attr_setstack(&attributes, painted, sizeof painted);
-    pthread_create(&thread, &attributes, body, argument);
-    pthread_join(thread, NULL);
-    while (painted[untouched] == 0x5A) { ++untouched; }
-    return (long)sizeof painted - untouched;
-}
-
-int main(void)
-{
-    static float observation[RANS_OBSERVATION];
-    rans_agent_reset(&agent);
-    printf("%ld", used_by(act, observation) - used_by(idle, NULL));
-    return 0;
-}
-"""
-"""Prints how many bytes of its stack a thread overwrites for a command."""
-
-
-@pytest.mark.slow
-def test_the_stack_is_that_of_the_compiler(folder: Path, tmp_path: Path) -> None:
-    """Painted before, and measured by what a call has overwritten: never more than agent.h says."""
-    stated = stack_of(folder)
-    assert stated is not None
-    (tmp_path / "painted.c").write_text(PAINTED)
-    built = tmp_path / "painted"
-    sources = [str(folder / "agent.c"), str(tmp_path / "painted.c")]
-    # Functions of libm are bound before the call: the binding uses the stack too.
-    command = ["cc", "-O2", "-I", str(folder), *sources, "-o", str(built), "-Wl,-z,now"]
-    subprocess.run([*command, "-lm", "-lpthread"], check=True)
-    used = int(subprocess.check_output([str(built)]))
-    # Arrays of the compiler's count may stay unused; frames of libm, below 512 bytes, are not in it.
-    assert 0.8 * stated < used < stated + 512
 
 
 @pytest.mark.slow

@@ -11,15 +11,13 @@ import pytest
 
 from campaigns.robustness import rows
 from rans import TASKS, ConfigError, GoToPose
-from rans.episode.scenario import draws, scenarios
-from rans.episode.step import Setup, World, step
+from rans.episode.step import Setup, World
 from rans.tasks.base import observation
 from rans.tasks.derived import layout
 from rans.tasks.observation_terms import Scalar, VectorInW
 from tests.support.crafts import random_states
 from tests.support.engines import FLYER, PLATFORM, both_crafts
-from tests.support.filter_flights import COUNT, SEED, TIMING, commands, followed, in_body, made
-from tests.support.state_filter import corrected, gains
+from tests.support.filter_flights import COUNT, TIMING, commands, followed, in_body, made
 
 FOLLOWED = [
     "go-to-pose",
@@ -88,43 +86,6 @@ def test_a_force_and_a_torque_are_found(craft):
         # Exact but for the turn of B in a period, which a torque makes longer and longer.
         np.testing.assert_allclose(told, right, rtol=0, atol=0.02 * strongest)
         assert len(told) == axes + spins
-
-
-def test_in_noise_it_is_the_filter_of_states():
-    """As `tests.support.state_filter` has it, in W and with quaternions, of the same readings and commands."""
-    task = GoToPose()
-    drift = 1e-3
-    body = layout(task, 3).body
-    filters = made(FLYER, task, drift)
-    chosen = scenarios(task, FLYER, SEED, COUNT)
-    own = draws(SEED, COUNT)
-    world = World(Setup(FLYER, task, TIMING, rows()["noise"]))
-    perfect = World(Setup(FLYER, task, TIMING))
-    now = world.begin(chosen.start, chosen.goal, 0, own)
-    gain = gains(TIMING.control_period, drift, 40)
-    memory = [np.zeros(COUNT)] * filters.width(body)
-    off = []
-    state = None
-    last = ()
-    for k, command in zip(range(40), commands(FLYER, 0.004), strict=False):
-        told = world.read(now, own)
-        read = in_body(FLYER, task, observation(task, told, now.goal))
-        if state is None:
-            state = told
-        else:
-            moved = step(perfect, perfect.begin(state, now.goal), last)
-            state = corrected(moved.episode.state, told, gain[k])
-        theirs = in_body(FLYER, task, observation(task, state, now.goal))
-        ours = filters.estimate(body, read, memory)
-        off.append([np.subtract(ours, theirs), np.subtract(read, theirs)])
-        memory = filters.next_memory(body, read, memory, command)
-        last = command
-        now = step(world, now, command, own).episode
-    apart, noise = np.sqrt(np.square(off).mean(axis=(0, 3)))
-    seen = noise > 0
-    # Both are of first order in 3 degrees of noise, each in its own way: a twentieth of what is filtered.
-    assert (apart[seen] < 0.05 * noise[seen]).all()
-    assert seen.sum() == body.width - 1  # all but the task flag
 
 
 @pytest.mark.parametrize(("drift", "response"), [(1e-3, 0.0), (0.1, 3.0)])

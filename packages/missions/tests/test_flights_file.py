@@ -11,11 +11,6 @@ import pytest
 from rans import ConfigError
 from rans.evaluation.compare.contest import Contest
 from rans.evaluation.compare.entrants import contest_of, enlist
-from rans.evaluation.measure.metrics import impulses, won
-from tests.support.clohessy_wiltshire import transition
-
-MASS = 12.0
-"""Mass of the craft afrl-deputy, kg; it has 1 N along each axis and a control period of 10 s."""
 
 
 def short(steps: int, count: int = 1) -> Contest:
@@ -28,28 +23,6 @@ def written(folder: Path, text: str) -> Path:
     file = folder / "flights.csv"
     file.write_text(text)
     return file
-
-
-@pytest.mark.slow
-def test_a_hand_made_flight_of_two_impulses_docks(tmp_path):
-    """One burn toward a point from which 300 s later a second one leads to the target, by SciPy's exponential."""
-    contest = short(62)
-    start = contest.start(0).start
-    state = np.ravel([*start.p.columns(), *start.v.columns()])
-    n = contest.task.mean_motion  # pyrefly: ignore[missing-attribute]
-    # A burn of one period is an impulse in the middle of it, but for 0.1 mm.
-    state = transition(n, 5.0)[:6, :6] @ state
-    burns = []
-    for coast, to in ((300.0, 0.45 * state[:3]), (300.0, np.zeros(3))):
-        moved = transition(n, coast)[:6, :6]
-        burns.append(np.linalg.solve(moved[:3, 3:], to - moved[:3] @ state))
-        state[3:] += burns[-1]
-        state = moved @ state
-    rows = [f"0,{time},{x},{y},{z}" for time, (x, y, z) in zip((0, 300), burns, strict=True)]
-    file = written(tmp_path, "\n".join(["start,time,dv.x,dv.y,dv.z", *rows]))
-    flight = contest.fly(enlist(str(file), contest).controller)
-    assert won(flight)[0]
-    assert impulses(flight)[0] == pytest.approx(MASS * np.abs(burns).sum(), rel=1e-9)
 
 
 def test_a_flight_that_is_too_fast_breaks_the_limit(tmp_path):

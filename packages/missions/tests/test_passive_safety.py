@@ -7,19 +7,16 @@ import math
 
 import numpy as np
 import pytest
-from rans_missions.orbits.linear import carried
 from rans_missions.passive_safety import (
     PRECISION,
     Pieces,
-    _bend,
     keep_away,
     least_distances,
     pieces_of_periods,
     single_coasts,
 )
 
-from rans.extend import ClohessyWiltshire
-from tests.support.clohessy_wiltshire import orbit, transition
+from tests.support.clohessy_wiltshire import transition
 
 N = 1.1e-3
 ORBIT = 2.0 * math.pi / N
@@ -105,16 +102,3 @@ def test_whether_a_distance_is_kept_agrees_with_the_least_distance():
         certain = np.abs(least - distance) > PRECISION
         assert certain.sum() > 0.9 * flights
         np.testing.assert_array_equal(kept[certain], (least > distance)[certain])
-
-
-def test_the_bend_of_a_coast_bounds_its_acceleration():
-    """What is left out between two instants is proven by it."""
-    random = np.random.default_rng(6)
-    states = random.normal(size=(50, 6)) * [80.0, 80.0, 80.0, 0.1, 0.1, 0.1]
-    most = np.zeros(50)
-    for time in np.linspace(0.0, ORBIT, 400):
-        now = carried(ClohessyWiltshire(N), states, time)
-        most = np.maximum(most, np.linalg.norm(now @ orbit(N)[3:].T, axis=1))
-    bend = _bend(N, states)
-    assert (most <= bend * (1.0 + 1e-9)).all()
-    assert (most > 0.7 * bend).all()

@@ -127,21 +127,3 @@ def test_a_start_of_ones_own(tmp_path):
         [8.0, 0.0, 0.5], abs=1e-6
     )
     assert rows[-1]["command.7"] == ""
-
-
-@pytest.mark.slow
-def test_a_landing_ends_as_the_mission_is_won_and_its_title_says_how(tmp_path, capsys):
-    """An independent cone program needs 372.74 kg within 1 m and 0.5 m/s, and 373.32 kg to land exactly."""
-    start = "--start 2000 0 1500 v.x=80 v.y=30 v.z=-75"
-    needed = []
-    for option, ending in (("", "set"), ("--ending exact", "exact")):
-        folder = tmp_path / ending
-        assert run(f"land {start} {option} --output {folder}") == 0
-        written = json.loads((folder / "optimal.json").read_text())
-        assert written["ending"] == ending
-        needed.append(written["starts"][0]["propellant"])
-    # To the digits of the other program.
-    assert needed == pytest.approx([372.74, 373.32], abs=0.01)
-    text = " ".join(capsys.readouterr().out.split())
-    assert "within 1 m and 0.5 m/s" in text
-    assert "exactly at the site" in text

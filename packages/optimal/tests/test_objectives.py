@@ -11,9 +11,8 @@ from rans_optimal.objectives import (
 )
 
 from rans import Timing
-from rans.episode.flight import Flight, fly
+from rans.episode.flight import Flight
 from rans.episode.scenario import scenario, scenarios
-from rans.evaluation.fly.contestants import contestant
 from rans.model.fields import map_leaves
 from rans.tasks import (
     GoToPose,
@@ -122,22 +121,3 @@ def test_the_cost_is_the_tasks_own_return():
         ),
     )
     assert total > sum(float(term.sum()) for term in other.rewards().values())
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["go-to-pose-2d-thrifty", "go-to-pose-2d-shared"])
-def test_the_return_of_agents_that_rest_has_an_optimum(name):
-    """Rests and narrow rewards have corners where the trajectory ends; no agent gets more than it.
-
-    From this start agents get 85 to 99 % of it. With corners rounded by 1 cm alone the thrifty one got more.
-    """
-    run = contestant(f"pretrained:{name}")
-    task = run.task.for_evaluation()
-    period = run.timing.control_period
-    starts = scenarios(task, run.craft, 11, 1)
-    flight = fly(run.craft, task, run.controller, starts, run.timing)
-    objective = MaximumReward(run.timing.episode_steps * period, period)
-    case = scenario(task, 2, 11, 0)
-    trajectory = solved(run.craft, objective, case.start, case.goal, task)
-    achieved = sum(float(term.sum()) for term in flight.rewards().values())
-    assert 0.8 * -trajectory.cost < achieved < -trajectory.cost  # far less: of another problem

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Any
 
@@ -11,23 +10,20 @@ import pytest
 from rans_bounds import hull
 from rans_bounds.certificate import certified_least_fuel, certified_least_time
 from rans_bounds.goal_set import GoalSet
-from rans_bounds.problem import Problem, SearchEffort, Unreachable
+from rans_bounds.problem import Problem, SearchEffort
 from rans_space_certificates.bounder import SpatialBounder
 from rans_space_certificates.reach import ReachRelaxation, SpinLattice
 
 from rans import Spacecraft, Thruster
 from rans.model.fields import Vec3, map_leaves
 from tests.support.space_reach import (
-    FLYER,
     PERIOD,
     POSE,
-    REST,
     craft_with,
     lopsided,
     moving,
     near,
 )
-from tests.support.states import spatial
 from tests.support.tiny_lattice import fly_everything
 
 LOOSE = GoalSet(0.02, 0.02, 0.05, 0.1)
@@ -135,29 +131,3 @@ def test_least_fuel_and_time_are_below_those_of_every_sequence(build, seed):
         ).lower
         <= steps * PERIOD + 1e-9
     )
-
-
-@pytest.mark.slow
-def test_there_already_and_never():
-    lattice = SpinLattice(FLYER, PERIOD)
-    here = spatial()
-    far = replace(here, p=Vec3(9.0, 0.0, 0.0))
-    assert (
-        certified_least_time(
-            SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, SearchEffort(0.1)
-        ).upper
-        == 0.0
-    )
-    nothing = certified_least_fuel(
-        SpatialBounder(lattice), Problem(here, here, GoalSet(), REST), 9, SearchEffort(0.5)
-    )
-    assert (nothing.lower, nothing.upper, nothing.commands) == (0.0, 0.0, None)
-    with pytest.raises(Unreachable, match="in 9 control periods"):
-        certified_least_fuel(
-            SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, SearchEffort(0.1)
-        )
-    late = certified_least_time(
-        SpatialBounder(lattice), Problem(far, here, GoalSet(), REST), 9, SearchEffort(0.1)
-    )
-    assert late.lower > 1.8
-    assert math.isinf(late.upper)

@@ -190,23 +190,6 @@ def flat(quantities: dict[str, Any]) -> list[float]:
     return np.concatenate([*map(np.ravel, rows), quantities.get("stores", [])]).tolist()
 
 
-@pytest.mark.slow
-@needs_node
-def test_weights_of_eight_bits_fly_as_well(tmp_path):
-    """Networks too large for 16 bits a weight: all of 20 flights end at the goal, as those of the agent do."""
-    page = playground(run_of("go-to-pose-3d"), SEED)
-    assert page.data["bits"] == 8
-    script = f"""{page.script}
-const reached = [];
-for (let number = 0; number < 20; ++number) {{
-  const flight = new Flight(number);
-  for (let k = 0; k < 100; ++k) flight.step();
-  reached.push(flight.seen.reached[0]);
-}}
-console.log(JSON.stringify(reached));"""
-    assert answer(script, tmp_path) == [True] * 20
-
-
 @needs_node
 def test_it_begins_with_the_delay_of_the_training(tmp_path):
     """Trained at 40 to 80 ms of 200 ms: of each period 0.3 has the command before. By hand from all commands."""

@@ -21,11 +21,9 @@ from rans.fast.flights import Flights
 from rans.model.actuators import Throttle
 from rans.policy.network import Network
 from tests.support.engines import PLATFORM
-from tests.support.filter_flights import bank
 from tests.support.host_flight import HostFlights
 from tests.support.host_kernels import needs_compiler
-from tests.support.kernel_flights import BRIEF, WIDE, policy, setup
-from tests.support.worlds import EFFECTS
+from tests.support.kernel_flights import WIDE, policy, setup
 
 SEED = 2**40 + 5
 FIRST = 1000
@@ -87,31 +85,6 @@ def test_what_few_networks_have(craft, settings, tmp_path):
     """Heads and activations that only have a formula, and a history of one row seen from the side."""
     kernel, stepped = both(policy(craft, **settings), setup(craft), tmp_path, products="bf16x6")
     agree(kernel, stepped, 1e-4)
-
-
-@pytest.mark.slow
-@needs_compiler
-@pytest.mark.parametrize(
-    ("response", "settings"),
-    [
-        ((), {}),
-        ((2.0, 2.0), {"history": 2, "zoom": 2.0}),
-        ((0.0, 1.0), {"history": 1, "averages": (0.5,), "commands_only": True}),
-    ],
-    ids=[
-        "alone",
-        "beside a history, with responses",
-        "beside commands alone, one with responses",
-    ],
-)
-def test_filters_in_noise(response, settings, tmp_path):
-    filters = bank(PLATFORM, WIDE, (0.01, 1.0), response, BRIEF.control_period)
-    network = policy(PLATFORM, filters=filters, **settings)
-    kernel, stepped = both(
-        network, setup(PLATFORM, conditions=EFFECTS["sensors"]), tmp_path, products="bf16x6"
-    )
-    # As above, and divisions that a compiler may round differently.
-    agree(kernel, stepped, 1e-3)
 
 
 @needs_compiler

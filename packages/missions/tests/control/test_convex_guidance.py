@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-import numpy as np
 import pytest
 from rans_missions.bounds.first_starts import mission_bounds
 from rans_missions.control.convex_guidance import ConvexGuidance, _tightened
@@ -45,25 +42,3 @@ def test_it_docks_below_the_speed_limit_near_the_bound():
     ratios = impulses(kept) / bounds.lower
     assert (ratios >= 1.0).all()
     assert ratios.mean() < 1.02
-
-
-class Pushed(ConvexGuidance):
-    """Guidance whose first thrusters stick for a while: full thrust in periods 20 and 21."""
-
-    _flown = 0
-
-    def act(self, state: Any, goal: Any, observation: np.ndarray) -> np.ndarray:
-        commands = super().act(state, goal, observation)
-        if self._flown in (20, 21):
-            commands[:] = 0.0
-            commands[:, 2] = 0.05
-        self._flown += 1
-        return commands
-
-
-@pytest.mark.slow
-def test_it_plans_again_when_it_is_off_its_way():
-    task = Dock(deadline=(1500.0, 1500.0))
-    starts = scenarios(task, DEPUTY, 8, 2)
-    guidance = Pushed(DEPUTY, task)
-    assert won(fly(DEPUTY, task, guidance, starts, task.timing)).all()

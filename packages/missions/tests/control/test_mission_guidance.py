@@ -11,7 +11,6 @@ from rans_missions.control.mission_guidance import MissionGuidance
 from rans_missions.tasks import Dock, Hold, Rendezvous
 from rans_missions.tasks.orbital import OrbitalMission
 
-import rans
 from rans import (
     Conditions,
     DisturbanceConditions,
@@ -105,21 +104,6 @@ def test_a_known_force_does_not_lead_the_filter_astray():
     assert won(ours).all()
     # It corrects what is not there: a tenth more at least.
     assert impulses(trusting).mean() > 1.1 * impulses(ours).mean()
-
-
-@pytest.mark.slow
-def test_commands_tell_it_the_conditions(monkeypatch):
-    """In an evaluation and a comparison, of which the beginning is flown; named by its module it expects none."""
-    monkeypatch.setattr(Dock, "timing", replace(Dock.timing, episode_steps=60, substeps=1))
-    noisy = Conditions(sensors=NOISY)
-    informed = "mission:dock-3d"
-    blind = f"{MissionGuidance.__module__}:MissionGuidance:dock-3d"
-
-    evaluated = rans.evaluate(informed, episodes=1, conditions=noisy)
-    compared = rans.compare(informed, blind, beside=(), episodes=1, conditions=noisy, workers=1)
-    impulse, without = (impulses(entry.flight).mean() for entry in compared.entries)
-    assert evaluated["impulse"].value == pytest.approx(impulse)
-    assert without > 1.5 * impulse
 
 
 def test_burns_are_rounded_down_to_whole_pulses():

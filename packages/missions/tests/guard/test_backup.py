@@ -14,7 +14,6 @@ from rans_missions.guard.ahead import Ahead
 from rans_missions.tasks import Avoid
 from rans_missions.tasks.avoid import Zones
 
-import rans
 from rans import ConfigError, Engine, Timing
 from rans.episode.flight import Flight, fly
 from rans.episode.scenario import scenarios
@@ -154,20 +153,6 @@ def test_engines_and_environments_fly_it():
     env = gymnasium.make("rans/Avoid2D-v0", guard=FlownBackup())
     env.reset(seed=0)
     assert env.step(np.ones(8, int))[0].shape == env.observation_space.shape
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:LQR does not know the constraints:UserWarning")
-def test_metrics_tell_what_the_filter_did():
-    with pytest.warns(UserWarning, match="does not know the constraints"):
-        found = rans.evaluate("lqr:avoid-2d", episodes=6, guard=True)
-    assert found["failed"].value == 0.0
-    assert 0.0 < found["interventions"].value < 100.0
-    with pytest.warns(UserWarning, match="does not know the constraints"):
-        free = rans.evaluate("lqr:avoid-2d", episodes=6)
-    assert free["failed"].value > 0.0
-    with pytest.raises(KeyError):
-        _ = free["interventions"]
 
 
 def test_where_no_backup_keeps_the_reserve_a_safe_state_stays_safe_without_it():

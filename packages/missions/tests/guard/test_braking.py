@@ -18,7 +18,6 @@ from rans import Conditions, SensorConditions, SensorsConditions, ThrusterCondit
 from rans.episode.flight import fly
 from rans.episode.scenario import scenarios
 from rans.episode.step import Episode, Setup, World, step
-from rans.evaluation.compare.contest import Contest
 from rans.model.fields import Vec3, map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import fly_in_drake
@@ -125,14 +124,6 @@ def test_a_keep_out_ball_is_kept_though_thrust_is_weak():
         assert guard.admitted(world, state, goal, shut)[1] is changed
 
 
-def noisy_flights(task: Any, guard: Any, conditions: Conditions) -> int:
-    """Number of 12 flights of five periods in which an adversary breaks a limit under these conditions."""
-    timing = Timing(10.0, None, 5, checks=10)
-    contest = Contest(DEPUTY, task, timing, 3, 12, conditions=conditions, guard=guard)
-    flight = contest.fly(Ramming(), workers=1)
-    return int(flight.violated().sum())
-
-
 def test_the_reserve_is_what_rare_readings_are_off_by():
     """Hold, whose ball has a slope of 1: of 260 periods a one-sided error of one in 20 x 260 is 3.55 deviations.
 
@@ -166,20 +157,3 @@ def test_a_mixture_is_expected_with_all_of_its_parts():
     assert expected(replace(noisy, others=(late,))) == expected(both)
     assert expected(replace(late, others=(noisy,))) == expected(both)
     assert expected(noisy) != expected(both)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "conditions",
-    [
-        Conditions(sensors=NOISY),
-        Conditions(thrusters=ThrusterConditions(command_delay=4.0)),
-    ],
-    ids=["noise", "delay within a period"],
-)
-def test_noise_and_delay_are_expected(conditions):
-    """A filter that expects none of them breaks the limit of docking in some flights, one that does in none."""
-    task = Dock()
-    setup = Setup(DEPUTY, task, task.timing, conditions)
-    assert noisy_flights(task, FlownBackup(), conditions) > 0
-    assert noisy_flights(task, safety_filter(setup), conditions) == 0

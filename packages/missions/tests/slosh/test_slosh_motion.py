@@ -20,7 +20,6 @@ from tests.support.effector_crafts import commands
 from tests.support.effector_flights import scripted
 from tests.support.host_kernels import (
     engine_on_host,  # noqa: F401  (a fixture)
-    needs_compiler,
 )
 from tests.support.pairs import FallingInSpace, FallingInThePlane
 from tests.support.slosh import IN_SPACE, SLOSHING
@@ -96,21 +95,3 @@ def test_engines_step_alike(liquid):
         found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
     assert np.abs(found["plain"][-1]).max() > 0.1
     np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
-
-
-@both
-@needs_compiler
-@pytest.mark.slow
-def test_a_kernel_steps_as_numpy(liquid, on_host):
-    """The source of the GPU's kernel, compiled for a CPU."""
-    made = (liquid.craft, "go-to-pose", 16, Timing(liquid.period, episode_steps=5))
-    how = {"seed": 3, "dtype": torch.float64}
-    ours = rans.Engine(*made, **how)
-    theirs = on_host(*made, **how)
-    for k in range(7):
-        action = torch.from_numpy(commands(liquid.craft, 16, seed=k))
-        expected = ours.step(action)
-        found = theirs.step(action)
-        torch.testing.assert_close(found.observation, expected.observation, rtol=0, atol=1e-9)
-    for one, other in zip(leaves(theirs.state), leaves(ours.state), strict=True):
-        np.testing.assert_allclose(np.asarray(one), np.asarray(other), rtol=0, atol=1e-9)
