@@ -212,6 +212,26 @@ def test_seeds_of_functions(name, seed):
     refused(SEEDED[name], seed, "seed must be a whole number", str(seed))
 
 
+# Names of folders
+
+
+WRITING: dict[str, Callable[[Any], object]] = {
+    "train": lambda folder: rans.train("go-to-pose", output=folder),
+    "compare": lambda folder: rans.compare(agent(), episodes=1, output=folder),
+    "stress": lambda folder: rans.stress(agent(), episodes=1, output=folder),
+    "assure": lambda folder: agent().assure(episodes=1, output=folder),
+    "export": lambda folder: agent().export(folder, "numpy"),
+    "save": lambda folder: agent().save(folder),
+    "ephemeris": lambda folder: write_ccsds(hold(), folder),
+}
+
+
+@pytest.mark.parametrize("name", WRITING)
+def test_an_empty_name_is_not_the_current_folder(name, here):
+    refused(WRITING[name], "", "empty")
+    assert list(here.iterdir()) == []
+
+
 # Policies: observations, ends of episodes and memories
 
 

@@ -229,11 +229,10 @@ class Agent(AgentData):
             raise ConfigError(
                 f"{self.name} cannot be saved: only trained agents have files of their own."
             )
-        target = Path(folder)
+        target = ready_folder(folder)
         if target.exists() and any(target.iterdir()):
             raise ConfigError(f"{target} is not empty: choose a new folder.")
         policy = RunFolder(self.folder).agent_file
-        ready_folder(target)
         target.mkdir(parents=True, exist_ok=True)
         for name in (policy.name, *_COPIED):
             source = inside(self.folder, name)

@@ -256,7 +256,7 @@ def compare(
     is_whole = full or certified is not None
     result = Comparison(contest) if is_whole else Comparison(contest, multiples=TYPICAL)
     flying = enlisted(entrants, contest, trust, period)
-    folder = None if output is None else ready_folder(Path(output))
+    folder = None if output is None else ready_folder(output)
     cache = None if folder is None else inside(folder, "compare-bounds.json")
 
     able = ready_opponents(contest.task, beside)

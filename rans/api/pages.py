@@ -13,7 +13,7 @@ from rans.api.agent_data import AgentData
 from rans.api.judging import ConditionsLike, flown, own_endpoints
 from rans.api.names import conditions_if_named
 from rans.base.choices import EngineName
-from rans.base.errors import ConfigError, brief, one_of, require, text_of_name, whole
+from rans.base.errors import ConfigError, brief, one_of, require, whole
 from rans.base.files import ready_folder, write_text
 from rans.base.pretrained import pretrained_folder, pretrained_names
 from rans.base.registry import Registry
@@ -339,8 +339,7 @@ def exported(
     if name.is_for_a_craft:
         label = name.output_folder.name
     default = Path("runs/exports") / label
-    folder = default if output is None else Path(text_of_name("output", output, Path))
-    ready_folder(folder)
+    folder = ready_folder(default if output is None else output)
     if write_policy is not None:
         return folder, write_policy(name.text, folder, format, count)
     least = 0.0 if force else _LEAST

@@ -5,6 +5,7 @@ Commands and Python share these functions, so that a config made by either is eq
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 import os
@@ -20,7 +21,7 @@ from rans.api.judging import CRAFT, ConditionsLike, SpacecraftLike
 from rans.api.names import load_conditions, load_spacecraft, load_task
 from rans.base.choices import Quality
 from rans.base.errors import ConfigError, checked, whole
-from rans.base.files import inside, made_by
+from rans.base.files import inside, made_by, ready_folder
 from rans.base.registry import typed
 from rans.base.settled import settled_alone
 from rans.model.spacecraft import Spacecraft
@@ -148,14 +149,26 @@ def ready_trainer(
     from rans.fast.learn.trainer import Trainer
 
     world = join(config.device)
-    folder = world.from_first(Path(output) if output is not None else run_path(config))
-    if is_own:
-        config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
-    run_folder = RunFolder(folder)
-    trainer = Trainer(config, craft, run_folder, world, guard=guard_of(config, craft))
+    folder = Path()
     if world.is_first:
-        run_folder.begin(config, made_by("rans.train"), to_toml(craft) if is_own else "")
-    return trainer
+        folder = run_path(config) if output is None else ready_folder(output)
+    folder = world.from_first(folder)
+    try:
+        if is_own:
+            config = replace(config, spacecraft=str(folder / "spacecraft.toml"))
+        run_folder = RunFolder(folder)
+        trainer = Trainer(config, craft, run_folder, world, guard=guard_of(config, craft))
+        if world.is_first:
+            run_folder.begin(config, made_by("rans.train"), to_toml(craft) if is_own else "")
+        return trainer
+    except BaseException:
+        if (
+            output is None and world.is_first
+        ):  # its folder was made, so that no other training takes the name
+            with contextlib.suppress(OSError):
+                folder.rmdir()
+                folder.parent.rmdir()
+        raise
 
 
 @settled_alone
@@ -225,7 +238,6 @@ def searched(
     output: str | Path | None = None,
 ) -> Search:
     """Search settings with these candidates, starts, price and seconds, and write them; see `tune`."""
-    from rans.base.files import ready_folder
     from rans.episode.step import Setup
     from rans.evaluation.compare.tuning import ranges, tuned_settings
     from rans.evaluation.fly.tuned import OWN, file_name, tuned

@@ -22,6 +22,8 @@ from pathlib import Path
 from typing import Any, Self, TypeVar, get_type_hints
 
 T = TypeVar("T")
+UNSET = "the usual cause is a variable of the shell that is not set"
+"""What an empty name means."""
 _LINE = 100
 """Largest number of characters of a name that is written into files."""
 
@@ -229,8 +231,10 @@ def text_of_name(what: str, value: object, kind: type) -> str:
     """Text of a name or a path.
 
     Raises:
-        ConfigError: it is neither; the message says that an object of ``kind`` is accepted too.
+        ConfigError: it is neither, or empty; the message says that an object of ``kind`` is accepted too.
     """
+    if value == "":
+        raise ConfigError(f"the name of {what} is empty; {UNSET}.")
     return str(
         value
         if isinstance(value, str | PathLike)

@@ -27,7 +27,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from rans.base import system
-from rans.base.errors import ConfigError, RansError, RansWarning, brief, meant_file
+from rans.base.errors import ConfigError, RansError, RansWarning, brief, meant_file, text_of_name
 
 _PACKAGES = ("rans", "torch", "numpy", "drake", "casadi", "gymnasium", "stable-baselines3", "scipy")
 """Packages whose versions can affect measurements."""
@@ -334,12 +334,25 @@ def _make_folder(folder: Path) -> None:
         ) from error
 
 
-def ready_folder(folder: Path) -> Path:
-    """The folder, checked to be writable before long work; a missing folder is not left behind.
+def new_folder(folder: Path) -> bool:
+    """Create a folder with its parents; False if its name is taken, as another process may be faster."""
+    _make_folder(folder.parent)
+    try:
+        folder.mkdir()
+    except FileExistsError:
+        return False
+    except OSError as error:
+        raise ConfigError(f"cannot write into {folder.parent}: {why_unwritten(error)}.") from error
+    return True
+
+
+def ready_folder(name: str | Path) -> Path:
+    """The folder of a name, checked to be writable before long work; a missing folder is not left behind.
 
     Raises:
-        ConfigError: the folder cannot be created, or nothing can be written there.
+        ConfigError: the name is empty, the folder cannot be created, or nothing can be written there.
     """
+    folder = Path(text_of_name("a folder", name, Path))
     with _made(folder):
         if not os.access(folder, os.W_OK | os.X_OK):
             raise ConfigError(
@@ -362,13 +375,19 @@ def write_json(file: Path, value: Any, beside: Iterable[str] | None = None) -> N
         beside: of results, which replace those of the same command only: others are `set_aside`, with these.
             None: the file always replaces the one before.
     """
-    if beside is not None and file.is_file() and not file.is_symlink():
-        command = before = _command(value)
-        with contextlib.suppress(ConfigError, AttributeError):  # damaged
-            before = _command(read_json(file))
-        if before != command:
-            set_aside(file, beside)
-    write_text(file, json.dumps(plain(value), indent=2, allow_nan=False) + "\n")
+    text = json.dumps(plain(value), indent=2, allow_nan=False) + "\n"
+
+    def write(draft: Path) -> None:
+        draft.write_text(text, "utf-8", "backslashreplace", "\n")
+        # The earlier results stay where they are until the new ones are on the disk.
+        if beside is not None and file.is_file() and not file.is_symlink():
+            command = before = _command(value)
+            with contextlib.suppress(ConfigError, AttributeError):  # damaged
+                before = _command(read_json(file))
+            if before != command:
+                set_aside(file, beside)
+
+    replace_file(file, write)
 
 
 def set_aside(file: Path, beside: Iterable[str] = ()) -> None:

@@ -7,6 +7,7 @@ import io
 import json
 import os
 import shlex
+import shutil
 import sys
 import time
 import unicodedata
@@ -20,6 +21,7 @@ from typing import Any
 
 from rans.base.errors import (
     EXTRAS,
+    UNSET,
     ConfigError,
     MissingPackage,
     RansError,
@@ -37,6 +39,8 @@ from rans.cli.commands import COMMANDS, divides_work
 
 STARTED = time.monotonic()
 """Start of this process, s, from which commands report their wall time."""
+_NARROWEST = 20
+"""Columns that help has at least: the layout of options has no end in less than six."""
 _LONGEST = 5000
 """Characters of a sentence; ours leave out what would make them longer."""
 _ABOUT = """Train agents that fly thruster-driven spacecraft, check them in Drake, and compare them with
@@ -139,6 +143,10 @@ def _run(arguments: list[str]) -> int:
             unicodedata.category(c) == "Cc" and c not in "\n\t" for c in word
         ):  # tyro would print them
             raise ConfigError(f"an option has control characters: {brief(word)}.")
+        if not word or (word.startswith("--") and word.endswith("=")):
+            raise ConfigError(f"{brief(word)} is no value of an option; {UNSET}.")
+    if shutil.get_terminal_size().columns < _NARROWEST:
+        os.environ["COLUMNS"] = str(_NARROWEST)
     # Options that every command has are taken off before its own run.
     command = _parse(arguments or ["--help"])
     arguments, executor = without_executor(arguments)
@@ -248,6 +256,12 @@ def _parse(arguments: list[str]) -> Any:
         config=(tyro.conf.FlagCreatePairsOff, tyro.conf.DisallowNone),
         registry=registry(),
     )
+    appended = {"--set"} if "set" in getattr(command, "__annotations__", {}) else set()
+    options = [word.partition("=")[0] for word in words if word.startswith("--")]
+    if twice := [name for name in options if options.count(name) > 1 and name not in appended]:
+        raise ConfigError(
+            f"{twice[0]} is given twice: give it once, with all of its values where it takes several."
+        )
     try:
         parsed, further = parse(return_unknown_args=True)
         if further and not further[0].startswith("-"):

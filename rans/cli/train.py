@@ -147,6 +147,10 @@ class Train(Options):
                 "train on."
             )
         changes = _changes(self.set)
+        if self.rl and changes.get("begin_from"):
+            raise ConfigError(
+                "--rl trains from random weights, and begin_from begins otherwise: give one of them."
+            )
         return config_of(
             typed(self.task),
             self.spacecraft,
@@ -323,6 +327,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
 def _live_page(path: Path) -> Path | None:
     """The page in which the agent flies, in its run folder; None: no page computes its policy or its task."""
     from rans.evaluation.fly.agent import load_policy
+    from rans.fast.learn.run_folder import FLY
     from rans.show.pages.playground import playground
 
     with doing("writing the page in which it flies", in_log=False):
@@ -330,7 +335,7 @@ def _live_page(path: Path) -> Path | None:
             page = playground(load_policy(path))
         except ConfigError:
             return None
-        file = inside(path, "fly.html")
+        file = inside(path, FLY)
         page.write(file)
     return file
 

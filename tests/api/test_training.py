@@ -1,6 +1,7 @@
 """Trainings from Python: settings by keyword."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import pytest
@@ -10,7 +11,8 @@ from rans import ConfigError
 from rans.api.training import config_of
 from rans.episode.step import Setup
 from rans.evaluation.fly.contestants import contestant
-from rans.fast.learn.config import to_table
+from rans.fast.learn.config import to_table, training
+from rans.fast.learn.run_folder import run_path
 from rans.model.spacecraft_file import load_spacecraft, to_toml
 
 
@@ -54,3 +56,24 @@ def test_a_controller_is_tuned_at_the_rate_at_which_it_flies_a_file(tmp_path):
     assert flown.timing.control_period < flown.task.timing.control_period
     found = rans.tune("lqr", spacecraft=own, candidates=1, starts=1, output=tmp_path / "lqr.json")
     assert found.fits("lqr", Setup(flown.craft, flown.task, flown.timing))
+
+
+def test_trainings_that_begin_at_once_have_a_folder_each(here):
+    with ThreadPoolExecutor(8) as threads:
+        folders = [*threads.map(run_path, [training("go-to-pose")] * 40)]
+    assert len({*folders}) == 40
+    assert all(folder.is_dir() for folder in folders)
+
+
+def test_a_training_that_does_not_begin_leaves_no_folder(here):
+    with pytest.raises(ConfigError, match="constraints"):
+        rans.train("go-to-pose", guard=True)
+    assert list(here.iterdir()) == []
+
+
+@pytest.mark.parametrize("own", ["fly.html", "metrics.jsonl", "agent.safetensors", "tensorboard"])
+def test_files_of_the_user_are_not_replaced(own, here):
+    (here / own).write_text("mine")
+    with pytest.raises(ConfigError, match=f"has {own} already"):
+        rans.train("go-to-pose", output=".", total_timesteps=10)
+    assert (here / own).read_text() == "mine"

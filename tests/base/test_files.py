@@ -1,4 +1,5 @@
 import contextlib
+import errno
 import math
 import os
 import stat
@@ -228,7 +229,7 @@ def test_one_process_at_a_time_flies_for_a_file(tmp_path):
     assert not file.parent.exists()
 
 
-def test_results_of_another_command_are_kept(tmp_path):
+def test_results_of_another_command_are_kept(tmp_path, monkeypatch):
     file = tmp_path / "compare.json"
     for name in ("compare.html", "compare-bounds.json", "episodes.npz"):
         (tmp_path / name).touch()
@@ -245,6 +246,16 @@ def test_results_of_another_command_are_kept(tmp_path):
         "episodes.npz",
         "stress",
     }
+
+    # What cannot be written leaves the earlier results where they are.
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "")
+
+    with monkeypatch.context() as disk:
+        disk.setattr(Path, "write_text", full)
+        with pytest.raises(ConfigError, match="disk is full"):
+            write_json(file, {"command": "third"}, beside=())
+    assert read_json(file)["command"] == "second"
     file.write_text("damaged")
     write_json(file, {"command": "third"}, beside=())
 

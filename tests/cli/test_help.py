@@ -17,6 +17,13 @@ def test_nothing_typed_shows_the_help(capsys):
     assert sum(f"\n  {command} " in printed for command in COMMANDS) <= 15
 
 
+@pytest.mark.parametrize("columns", ["1", "3", "5"])
+def test_help_ends_in_a_few_columns(columns, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", columns)
+    assert code_of(["evaluate", "--help"]) == 0
+    assert "--seed" in capsys.readouterr().out
+
+
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_help_fits_and_keeps_words_whole(command, monkeypatch, capsys):
     columns = 60

@@ -96,7 +96,7 @@ def stress(
     planned = prepared(contest, invited, sets, only, slow, trust)
     folder = Path()
     if output is not None:
-        folder = ready_folder(Path(output))
+        folder = ready_folder(output)
         inside(folder, "stress")  # a symbolic link is rejected before the flights
     # The report exists before the flights, so that an interrupt has what was flown.
     report = StressReport(planned, folder, whole("worst", worst, least=0))
@@ -179,7 +179,7 @@ def assure(
     )
     _ = assurance.run  # refuses a wrong name before a folder is made
     if output is not None:
-        assurance.write_into(ready_folder(Path(output)))
+        assurance.write_into(ready_folder(output))
     processor = torch_device(device)
     file = assurance.file
 

@@ -28,6 +28,7 @@ from rans.extend import (
     checked,
     counted,
     read_text,
+    ready_folder,
     whole,
     write_text,
 )
@@ -145,7 +146,7 @@ def write_ccsds(
     rate = np.array([0.0, 0.0, n])
     centre = np.array([np.cbrt(EARTH / n**2), 0.0, 0.0])
     # Ephemerides of craft and target in the inertial frame, km and km/s.
-    folder = Path(folder)
+    folder = ready_folder(folder)
     of_craft, of_target = (folder / f"episode-{episode}{end}" for end in (".oem", "-target.oem"))
     for file, name, motion in (
         (of_craft, flight.craft.name, (states[:, :3], states[:, 3:])),

@@ -39,7 +39,7 @@ class UserPolicy:
         self, spec: str, policy: ForeignPolicy, craft: Spacecraft, task: Task, trust: bool = False
     ) -> None:
         kind, _, file = spec.partition(":")
-        self.name = f"{kind}:{Path(file).name}" if kind != "python" else spec
+        self.name = f"{kind}:{Path(file).name}" if file and kind != "python" else spec
         self._spec = spec
         self._policy = policy
         self._craft = craft

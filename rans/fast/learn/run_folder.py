@@ -18,6 +18,10 @@ from rans.model.spacecraft_file import read_spacecraft, spacecraft_text
 
 CHECKPOINT = "checkpoint.safetensors"
 """File from which a training resumes."""
+FLY = "fly.html"
+"""Page in which the agent flies in a browser."""
+EVENTS = "tensorboard"
+"""Folder of events for TensorBoard."""
 _LARGEST_CHECKPOINT = 2**33
 """Size limit, bytes: several times that of a million environments."""
 _COUNTS = "steps", "seconds", "success"
@@ -49,6 +53,13 @@ class RunFolder:
         self.agent_file = files.inside(path, AGENT)
         self.nonfinite_file = files.inside(path, "nonfinite.safetensors")
         self.card_file = files.inside(path, "card.json")
+        self._files = (
+            self.config_file,
+            self.spacecraft_file,
+            self.metrics_file,
+            self.checkpoint_file,
+            self.agent_file,
+        )
         self._lock = files.Lock(files.inside(path, files.LOCK))
 
     def begin(self, config: TrainConfig, command: str, craft: str = "") -> None:
@@ -81,11 +92,24 @@ class RunFolder:
                 self.release()
 
     def check_unused(self) -> None:
-        """Refuse (`ConfigError`) a folder in which a training has begun; this needs nothing but its name."""
+        """Refuse (`ConfigError`) a folder in which a training has begun, or with a file that it would write."""
         if self.config_file.exists():
             raise ConfigError(
                 f"{self.path} holds a training already; continue it with --resume {self.path}, or "
                 "choose another folder with --output."
+            )
+        written = (
+            *self._files,
+            self.nonfinite_file,
+            files.inside(self.path, FLY),
+            self.path / EVENTS,
+        )
+        if there := [
+            file.name for file in written if file.exists() and file != self.spacecraft_file
+        ]:
+            raise ConfigError(
+                f"{self.path} has {', '.join(there)} already, which the training would write: choose another "
+                "folder with --output."
             )
 
     def _check_new(self, spacecraft: str) -> None:
@@ -104,13 +128,7 @@ class RunFolder:
         self._lock.take(
             f"{self.path} is being trained by another process; wait for its end, or stop it."
         )
-        for file in (
-            self.config_file,
-            self.spacecraft_file,
-            self.metrics_file,
-            self.checkpoint_file,
-            self.agent_file,
-        ):
+        for file in self._files:
             files.clear_drafts(file, abandoned=0.0)
 
     def release(self) -> None:
@@ -250,7 +268,12 @@ def read_config(file: Path) -> TrainConfig:
 
 
 def run_path(config: TrainConfig) -> Path:
-    """First unused folder under runs/ for a training of this config."""
+    """First unused folder under runs/ for a training of this config, made so that no other process takes it."""
     stem = f"{config.task}-{Path(config.spacecraft).stem}-seed{config.seed}"
-    candidates = (Path("runs") / (stem if n == 1 else f"{stem}-{n}") for n in range(1, 1_000_000))
-    return next(path for path in candidates if not path.exists())
+    for n in range(1, 1_000_000):
+        path = Path("runs") / (stem if n == 1 else f"{stem}-{n}")
+        if files.new_folder(path):
+            return path
+    raise ConfigError(
+        f"runs/{stem} and a million further names are taken: name a folder with --output."
+    )

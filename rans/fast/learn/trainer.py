@@ -34,7 +34,7 @@ from rans.fast.learn.events import Events
 from rans.fast.learn.graph import as_written, calls_until_recorded
 from rans.fast.learn.learners import LEARNERS, own_settings
 from rans.fast.learn.policy_file import begin_from, teacher
-from rans.fast.learn.run_folder import RunFolder
+from rans.fast.learn.run_folder import EVENTS, RunFolder
 from rans.fast.learn.selection import Selection
 from rans.fast.machine_code import machine_code
 from rans.fast.stepping.step import field_dtype
@@ -211,7 +211,7 @@ class Trainer:
     def _train(self, report: Callable[[dict[str, Any]], object], stop: Callable[[], bool]) -> None:
         """Imitate a teacher if there is one, train until the end or a stop, and save."""
         if self.processes.is_first and self._events is None:
-            self._events = Events(inside_for_others(self.run.path, "tensorboard"))
+            self._events = Events(inside_for_others(self.run.path, EVENTS))
         stopped = False
         with as_written():
             if self._teacher is not None and self.steps == 0:

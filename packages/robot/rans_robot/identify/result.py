@@ -304,7 +304,7 @@ class Identification:
         Raises:
             ConfigError: the folder cannot be made or written.
         """
-        folder = ready_folder(Path(folder))
+        folder = ready_folder(folder)
         write_text(folder / "spacecraft.toml", to_toml(self.spacecraft))
         write_text(folder / "conditions.toml", conditions_text(self.conditions))
         write_json(folder / "identified.json", self.table())
