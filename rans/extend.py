@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from rans.base.errors import (
         ConfigError as ConfigError,
         NonFiniteState as NonFiniteState,
-        SolverFailed as SolverFailed,
         brief as brief,
         checked as checked,
         counted as counted,
@@ -90,7 +89,6 @@ if TYPE_CHECKING:
         draws as draws,
         each as each,
         scenario as scenario,
-        scenarios as scenarios,
     )
     from rans.episode.step import (
         Command as Command,
@@ -105,7 +103,6 @@ if TYPE_CHECKING:
         Bound as Bound,
         Event as Event,
         check_certifiable as check_certifiable,
-        check_finite as check_finite,
         check_period as check_period,
         rounded_up as rounded_up,
     )
@@ -135,12 +132,16 @@ if TYPE_CHECKING:
     from rans.fast.learn.algorithms import Algorithm as Algorithm
     from rans.fast.learn.batch import Batch as Batch, Losses as Losses, LossInputs as LossInputs
     from rans.fast.learn.config import (
-        PPOSettings as PPOSettings,
         TrainConfig as TrainConfig,
         craft_of as craft_of,
     )
     from rans.fast.learn.graph import fused as fused
-    from rans.fast.learn.rollout import Acted as Acted, Rollout as Rollout, remember as remember
+    from rans.fast.learn.rollout import (
+        Acted as Acted,
+        Rollout as Rollout,
+        gae as gae,
+        remember as remember,
+    )
     from rans.fast.learn.run_folder import RunFolder as RunFolder
     from rans.fast.machine_code import MachineCode as MachineCode
     from rans.fast.stepping.step import Step as Step
@@ -157,8 +158,6 @@ if TYPE_CHECKING:
         AnyVector as AnyVector,
         ClohessyWiltshire as ClohessyWiltshire,
         Drift as Drift,
-        cosine as cosine,
-        sine as sine,
         step_goal as step_goal,
     )
     from rans.model.dynamics import (
@@ -217,14 +216,17 @@ if TYPE_CHECKING:
     from rans.policy.program import Program as Program, RowStep as RowStep, inputs as inputs
     from rans.policy.subsets import subsets as subsets
     from rans.randomization.conditions import (
-        Conditions as Conditions,
         bounds as bounds,
         largest as largest,
     )
     from rans.randomization.conditions_file import conditions_text as conditions_text
     from rans.randomization.parameters import StepInputs as StepInputs
     from rans.reference.frames import DrakeFrame as DrakeFrame
-    from rans.reference.further import DrakeMass as DrakeMass
+    from rans.reference.further import (
+        DrakeEffector as DrakeEffector,
+        DrakeMass as DrakeMass,
+        Pushing as Pushing,
+    )
     from rans.show.pages.chart import Chart as Chart, Mark as Mark, Series as Series
     from rans.show.pages.notebook import html_of as html_of
     from rans.show.pages.page import (
@@ -244,7 +246,6 @@ if TYPE_CHECKING:
     )
     from rans.tasks.goal_set import REST_SPEED as REST_SPEED, REST_SPIN as REST_SPIN, aims as aims
     from rans.tasks.observation_terms import (
-        AdvisedVelocityChange as AdvisedVelocityChange,
         AngularVelocity as AngularVelocity,
         Block as Block,
         Columns as Columns,

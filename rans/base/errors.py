@@ -483,9 +483,5 @@ class NonFiniteState(RansError):
     """A state, reward or weight became NaN or infinite; the message names the file with its dump."""
 
 
-class SolverFailed(RansError):
-    """An optimal control problem ended without a solution; the message gives the solver's status."""
-
-
 class WorkerLost(RansError):
     """A training on several processes lost one of them; the message says how to continue."""

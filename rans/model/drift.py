@@ -186,7 +186,7 @@ class ClohessyWiltshire(Drift):
     def turn(self, t: Field) -> Quat:
         """Rotation about z by n t."""
         half = 0.5 * self.mean_motion * t
-        return Quat(cosine(half), 0.0, 0.0, sine(half))
+        return Quat(cos(half), 0.0, 0.0, sin(half))
 
     def rate(self) -> Vec3:
         """Angular velocity n about z, rad/s."""
@@ -244,8 +244,8 @@ class Following(Drift):
 
 def _transition(n: float, t: Field) -> tuple[Field, Field, Field, Field, Field]:
     """sin(n t), 1 - cos(n t), and the coefficients of a velocity in a position, s; see `ClohessyWiltshire`."""
-    s = sine(n * t)
-    half = sine(0.5 * n * t)
+    s = sin(n * t)
+    half = sin(0.5 * n * t)
     rise = 2.0 * half * half
     return s, rise, s / n, 2.0 * rise / n, 4.0 * s / n - 3.0 * t
 
@@ -273,18 +273,8 @@ def steady(drift: Drift, purpose: str) -> Drift:
     )
 
 
-def sine(angle: Field) -> Field:
-    """Sine that is a Python float for a Python float; NumPy's scalar would turn float32 arrays into float64."""
-    return math.sin(angle) if isinstance(angle, float) else sin(angle)
-
-
-def cosine(angle: Field) -> Field:
-    """As `sine`."""
-    return math.cos(angle) if isinstance(angle, float) else cos(angle)
-
-
 def arctangent(y: Field, x: Field) -> Field:
-    """Angle of the point (x, y), rad, as `sine`."""
+    """Angle of the point (x, y), rad, which is a Python float for Python floats."""
     return math.atan2(y, x) if isinstance(y, float) else atan2(y, x)
 
 

@@ -52,9 +52,19 @@ def _unary(name: str) -> Callable[[Field], Field]:
     return lambda x: _function(name, x)(x)
 
 
-sin, cos, exp, log, log1p, tanh, absolute, floor = map(
-    _unary, ("sin", "cos", "exp", "log", "log1p", "tanh", "abs", "floor")
+exp, log, log1p, tanh, absolute, floor = map(
+    _unary, ("exp", "log", "log1p", "tanh", "abs", "floor")
 )
+
+
+def sin(angle: Field) -> Field:
+    """Sine, a Python float of a Python float; NumPy's scalar would turn float32 arrays into float64."""
+    return math.sin(angle) if isinstance(angle, float) else _function("sin", angle)(angle)
+
+
+def cos(angle: Field) -> Field:
+    """Cosine, as `sin`."""
+    return math.cos(angle) if isinstance(angle, float) else _function("cos", angle)(angle)
 
 
 def sqrt(x: Field) -> Field:

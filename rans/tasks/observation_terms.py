@@ -197,11 +197,6 @@ class InformationInW(VectorInW):
 
 
 @dataclass(frozen=True)
-class AdvisedVelocityChange(InformationInW):
-    """A change of velocity in W that guidance recommends for the control period that begins now."""
-
-
-@dataclass(frozen=True)
 class TaskDependent(ObservationTerm):
     """Columns whose classes depend on the task flag: those of the task that an episode draws."""
 

@@ -118,6 +118,7 @@ OWN_TABLES = {
     "packages/c_code/rans_c_code/text.py",
     "packages/machine_code/rans_machine_code/cuda/source.py",
     "packages/machine_code/rans_machine_code/llvm.py",
+    "packages/machine_code/rans_machine_code/loss_gradient.py",  # derivatives
     "rans/policy/scalars.py",  # functions of fields of any library, with gradients
 }
 ROOT = Path(__file__).parents[2]

@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import DrakeFrame
-from rans.reference.further import DrakeEffector, Pushing
+from rans.extend import DrakeEffector, DrakeFrame, Pushing
 
 
 class BowlInDrake(DrakeFrame):

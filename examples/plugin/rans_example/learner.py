@@ -12,9 +12,8 @@ import torch
 from torch import Tensor
 
 import rans
-from rans import Engine
-from rans.extend import Acted, Adam, Algorithm, Network, PPOSettings, Rollout, TrainConfig, remember
-from rans.fast.learn.rollout import gae
+from rans import Engine, PPOSettings
+from rans.extend import Acted, Adam, Algorithm, Network, Rollout, TrainConfig, gae, remember
 
 
 class A2CLearner:

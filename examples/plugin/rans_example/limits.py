@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from rans import load_spacecraft
+from rans import load_spacecraft, scenarios
 from rans.extend import (
     EVALUATION_SEED,
     Bound,
@@ -18,7 +18,6 @@ from rans.extend import (
     Table,
     Terminal,
     command_of,
-    scenarios,
 )
 from rans_example.task import KeepDistance
 

@@ -17,8 +17,8 @@ from rans.extend import (
     Vec3,
     Wrench,
     absolute,
-    cosine,
-    sine,
+    cos,
+    sin,
     within,
 )
 
@@ -35,8 +35,8 @@ class Bowl(Drift):
     def carry(self, p: AnyVector, v: AnyVector, t: Field) -> tuple[AnyVector, AnyVector]:
         """Position (m) and velocity (m/s) of p'' = -f^2 p after a time t (s), in closed form."""
         f = self.frequency
-        c = cosine(f * t)
-        s = sine(f * t)
+        c = cos(f * t)
+        s = sin(f * t)
         return p.scale(c) + v.scale(s / f), v.scale(c) - p.scale(f * s)
 
 

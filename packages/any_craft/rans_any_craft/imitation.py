@@ -19,8 +19,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from rans import Engine
-from rans.extend import Adam, Architecture, ConfigError, Network, Patterns, PPOSettings
+from rans import Engine, PPOSettings
+from rans.extend import Adam, Architecture, ConfigError, Network, Patterns
 from rans.fast.learn import graph
 from rans_any_craft.allocated import demand
 from rans_any_craft.frugality import Frugality, numbers_of

@@ -14,10 +14,10 @@ from typing import Any
 
 import numpy as np
 
+from rans import Conditions
 from rans.base.display import meanings
 from rans.extend import (
     QUANTITIES,
-    Conditions,
     Scenario,
     Setup,
     Task,

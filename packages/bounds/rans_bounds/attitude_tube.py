@@ -21,7 +21,6 @@ from rans.extend import (
     Spacecraft,
     State,
     check_certifiable,
-    check_finite,
     check_period,
     inertia,
     leaves,
@@ -29,6 +28,7 @@ from rans.extend import (
     rounded_up,
 )
 from rans_bounds.goal_set import GoalSet
+from rans_bounds.problem import check_finite
 from rans_bounds.transfer import Corners, Transfer, Turning
 
 _INTERVALS = 40

@@ -16,16 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rans.extend import (
-    ConfigError,
-    Spacecraft,
-    State,
-    check_certifiable,
-    check_finite,
-    inertia,
-    rotation_vector,
-)
+from rans.extend import ConfigError, Spacecraft, State, check_certifiable, inertia, rotation_vector
 from rans_bounds.goal_set import GoalSet
+from rans_bounds.problem import check_finite
 from rans_bounds.transfer import Corners, Transfer, Turning
 
 _MOST_THRUSTERS = 16

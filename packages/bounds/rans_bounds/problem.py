@@ -8,12 +8,19 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import ConfigError
+from rans.extend import ConfigError, State, leaves
 from rans_bounds.goal_set import GoalSet
 
 POSE = frozenset({"position", "attitude", "velocity", "spin"})
 """Aims of a craft that is to be at rest in a pose."""
 _DEFAULT_SET = GoalSet()
+
+
+def check_finite(start: State, goal: State) -> None:
+    """Refuse (`ConfigError`) states with NaN or infinity: nothing compares with them, so all seems proven."""
+    for name, state in (("start", start), ("goal", goal)):
+        if not np.isfinite(leaves(state)).all():
+            raise ConfigError(f"a bound needs a finite {name}, got {state}; did a flight diverge?")
 
 
 class Unreachable(ConfigError):

@@ -12,7 +12,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rans.extend import Columns, ConfigError, Field, Layout, PPOSettings, Spacecraft, Task
+from rans import PPOSettings
+from rans.extend import Columns, ConfigError, Field, Layout, Spacecraft, Task
 from rans_estimation.kalman_filter import Filter
 from rans_estimation.kinematic_roles import Sensitivity, sensitivities
 from rans_estimation.measurement_gate import GatedReading, GateMemory, gated_reading

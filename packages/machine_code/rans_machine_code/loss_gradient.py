@@ -87,11 +87,8 @@ _BACK: dict[str, Callable[..., tuple[Any, ...]]] = {
     "maximum": lambda s, y, a, b: (where(a >= b, s, 0.0), where(a >= b, 0.0, s)),
     "minimum": lambda s, y, a, b: (where(a <= b, s, 0.0), where(a <= b, 0.0, s)),
     "abs": lambda s, y, a: (where(a >= 0.0, s, -s),),
-    "sqrt": lambda s, y, a: (0.5 * s / y,),
     "exp": lambda s, y, a: (s * y,),
-    "log": lambda s, y, a: (s / a,),
     "log1p": lambda s, y, a: (s / (1.0 + a),),
-    "tanh": lambda s, y, a: (s * (1.0 - y * y),),
 }
 """What each operand adds to a derivative, from that by the result, the result and the operands."""
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from rans import scenarios
 from rans.extend import (
     EVALUATION_SEED,
     Problem,
@@ -21,7 +22,6 @@ from rans.extend import (
     environment,
     progress,
     ready_folder,
-    scenarios,
     stages,
     write_json,
 )

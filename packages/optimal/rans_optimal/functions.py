@@ -6,7 +6,7 @@ from dataclasses import fields
 from numbers import Integral
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
-from rans import TASKS, load_spacecraft
+from rans import TASKS, load_spacecraft, scenarios
 from rans.api.states import WrittenEndpoints
 from rans.extend import (
     EVALUATION_SEED,
@@ -21,7 +21,6 @@ from rans.extend import (
     certificates,
     each,
     one_of,
-    scenarios,
     settled_alone,
     typed,
     whole,

@@ -16,10 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from rans import GoToPose
+from rans import Conditions, GoToPose
 from rans.extend import (
     MOST_STEPS,
-    Conditions,
     ConfigError,
     Setup,
     Spacecraft,

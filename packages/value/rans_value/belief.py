@@ -11,7 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.extend import Conditions, Timing, wrap
+from rans import Conditions
+from rans.extend import Timing, wrap
 from rans.randomization.parameters import examples
 from rans_value.varied import VariedProblem, drawn_parameters
 

@@ -11,8 +11,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans import TASKS
-from rans.extend import Conditions, ConfigError, RunFolder, Spacecraft, State, Timing, reading
+from rans import TASKS, Conditions
+from rans.extend import ConfigError, RunFolder, Spacecraft, State, Timing, reading
 from rans_value.belief import Belief
 from rans_value.goal_frame import GoalFrame
 from rans_value.greedy import Greedy

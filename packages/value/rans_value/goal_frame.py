@@ -15,6 +15,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from rans import scenarios
 from rans.episode.step import Episode
 from rans.extend import (
     ConfigError,
@@ -32,7 +33,6 @@ from rans.extend import (
     World,
     leaves,
     map_leaves,
-    scenarios,
     step,
 )
 

@@ -24,14 +24,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from rans import Engine
+from rans import Engine, PPOSettings
 from rans.extend import (
     Acted,
     Adam,
     Algorithm,
     ConfigError,
     Network,
-    PPOSettings,
     Rollout,
     Spacecraft,
     TrainConfig,

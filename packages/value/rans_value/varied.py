@@ -12,7 +12,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans.extend import Conditions, Heading, Spacecraft, StepInputs, Timing, Vec2, Wrench, wrap
+from rans import Conditions
+from rans.extend import Heading, Spacecraft, StepInputs, Timing, Vec2, Wrench, wrap
 from rans.randomization.parameters import examples
 from rans_value.problem import PoseProblem
 

@@ -9,11 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-import numpy as np
-
 from rans.base.errors import ConfigError, positive
-from rans.model.dynamics import State
-from rans.model.fields import leaves
 from rans.model.spacecraft import Spacecraft, check_rigid
 from rans.model.timing import MOST_STEPS
 
@@ -102,13 +98,6 @@ def count_of_periods(horizon: float, period: float) -> int:
 def rounded_up(value: float, unit: float) -> float:
     """The least whole multiple of a unit that is not below a value by more than rounding."""
     return max(0, math.ceil(value / unit * (1.0 - 1e-12))) * unit if math.isfinite(value) else value
-
-
-def check_finite(start: State, goal: State) -> None:
-    """Refuse (`ConfigError`) states with NaN or infinity: nothing compares with them, so all seems proven."""
-    for name, state in (("start", start), ("goal", goal)):
-        if not np.isfinite(leaves(state)).all():
-            raise ConfigError(f"a bound needs a finite {name}, got {state}; did a flight diverge?")
 
 
 def check_period(period: float) -> None:

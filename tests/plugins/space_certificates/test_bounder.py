@@ -33,7 +33,8 @@ def test_the_entry_point_is_the_function_of_the_seam():
 
 def test_without_the_package_space_has_the_hull_bound_and_the_reason(monkeypatch):
     monkeypatch.setattr(BOUNDERS, "own", {})
-    monkeypatch.setattr(BOUNDERS, "_offered", {})  # of who has it installed
+    offered = {"plane": BOUNDERS._offered["plane"]}  # also where somebody has it installed
+    monkeypatch.setattr(BOUNDERS, "_offered", offered)
     assert "examples/plugins/space_certificates" in no_certificate(FLYER, aims(TASK), 0.2)
     [scenario] = each(scenarios(TASK, FLYER, 5, 1))
     found = bound(0, question(FLYER, TASK, 0.2, Event(), SearchEffort(1e-9), scenario))

@@ -18,6 +18,7 @@ from types import ModuleType
 
 import numpy as np
 from rans_bounds.goal_set import GoalSet, pulse
+from rans_bounds.problem import check_finite
 
 from rans.extend import (
     ON_OFF,
@@ -28,7 +29,6 @@ from rans.extend import (
     SpatialState,
     Vec3,
     check_certifiable,
-    check_finite,
     check_period,
     inertia,
     rounded_up,

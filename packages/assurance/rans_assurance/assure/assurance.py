@@ -11,12 +11,12 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from rans import Conditions, scenarios
 from rans.episode.verdict import kinds_of_failure
 from rans.evaluation.fly.agent import Agent
 from rans.evaluation.fly.contestants import judged_separately
 from rans.evaluation.fly.evidence import hashes
 from rans.extend import (
-    Conditions,
     ConfigError,
     ContestantName,
     Failure,
@@ -27,7 +27,6 @@ from rans.extend import (
     contestant,
     environment as this_environment,
     inside,
-    scenarios,
     unseen_stages,
     view_command,
 )

@@ -10,16 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from rans import FaultConditions, ThrusterConditions, load_conditions
+from rans import Conditions, FaultConditions, ThrusterConditions, load_conditions
 from rans.base.structure import is_range
-from rans.extend import (
-    Conditions,
-    ConfigError,
-    Spacecraft,
-    Timing,
-    bounds,
-    distinct,
-)
+from rans.extend import ConfigError, Spacecraft, Timing, bounds, distinct
 from rans.randomization.plausible import implausible
 
 

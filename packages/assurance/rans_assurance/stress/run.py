@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import NamedTuple
 
-from rans import RansError
+from rans import Conditions, RansError
 from rans.base.errors import meant
 from rans.episode.flight import informed
 from rans.evaluation.compare.contest import Contestant
@@ -17,7 +17,6 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.tuned import tuned
 from rans.extend import (
-    Conditions,
     ConfigError,
     Contest,
     Controller,

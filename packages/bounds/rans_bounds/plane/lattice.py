@@ -24,11 +24,11 @@ from rans.extend import (
     PlanarState,
     Spacecraft,
     check_certifiable,
-    check_finite,
     check_period,
     rounded_up,
 )
 from rans_bounds.goal_set import GoalSet, pulse
+from rans_bounds.problem import check_finite
 
 _LARGEST_MULTIPLE = 64
 """Torque of a thruster in quanta, at most: finer lattices have too many points to enumerate."""

@@ -11,16 +11,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rans.extend import (
-    Ball,
-    Cone,
-    ModelBased,
-    Shape,
-    SolverFailed,
-    SpeedLimit,
-    map_leaves,
-)
+from rans.extend import Ball, Cone, ModelBased, Shape, SpeedLimit, map_leaves
 from rans_missions.control.afterwards import Afterwards
+from rans_missions.convex.cone_program import SolverFailed
 from rans_missions.convex.holding import flight_that_holds
 from rans_missions.convex.rendezvous import (
     Meeting,

@@ -15,8 +15,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from rans import Conditions
 from rans.extend import (
-    Conditions,
     ConfigError,
     Field,
     Heading,

@@ -9,11 +9,16 @@ from typing import Any
 import numpy as np
 from scipy import sparse
 
-from rans.extend import SolverFailed, require
+from rans import RansError
+from rans.extend import require
 
 _REGULARIZATIONS = 1e-8, 1e-7, 1e-10
 """Clarabel's own, and others that are tried after it. A program that is barely infeasible may end in a numerical
 error with one and with a certificate with another; what is believed is checked the same way."""
+
+
+class SolverFailed(RansError):
+    """An optimal control problem ended without a solution; the message gives the solver's status."""
 
 
 @dataclass(frozen=True)

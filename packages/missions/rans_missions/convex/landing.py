@@ -33,8 +33,8 @@ from typing import Any, Literal
 import numpy as np
 from scipy import sparse
 
-from rans.extend import ConfigError, SolverFailed, Spacecraft, Throttle
-from rans_missions.convex.cone_program import ConeProgram, Rows
+from rans.extend import ConfigError, Spacecraft, Throttle
+from rans_missions.convex.cone_program import ConeProgram, Rows, SolverFailed
 from rans_missions.tasks.land import Land
 
 _LENGTH = 1000.0

@@ -31,7 +31,6 @@ from rans.extend import (
     Drift,
     Scenario,
     Shape,
-    SolverFailed,
     Spacecraft,
     SpeedLimit,
     Timing,
@@ -40,7 +39,7 @@ from rans.extend import (
     leaves,
     map_leaves,
 )
-from rans_missions.convex.cone_program import ConeProgram, Rows
+from rans_missions.convex.cone_program import ConeProgram, Rows, SolverFailed
 from rans_missions.orbits.linear import held, transition
 from rans_missions.tasks.orbital import OrbitalMission, last_check
 from rans_missions.vectors import numbers

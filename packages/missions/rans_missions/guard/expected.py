@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from rans.extend import Conditions, Setup, bounds, scenarios
+from rans import Conditions, scenarios
+from rans.extend import Setup, bounds
 from rans_missions.guard.manoeuvres import on_both_sides
 
 _RARE = 0.05

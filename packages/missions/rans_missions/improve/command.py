@@ -56,8 +56,8 @@ def improve(
         ConfigError: one of these does not exist, the craft has other thrusters, or no flight solves the task from
             any start.
     """
-    from rans import TASKS
-    from rans.extend import Setup, Throttle, contestant, scenarios, typed
+    from rans import TASKS, scenarios
+    from rans.extend import Setup, Throttle, contestant, typed
     from rans.policy.timing import timing_of_file
     from rans_missions.improve import search
 

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from rans.extend import AnyVector, Field, Quat, Vec2, Vec3, cosine, floor, sine, sqrt
+from rans.extend import AnyVector, Field, Quat, Vec2, Vec3, cos, floor, sin, sqrt
 from rans.model.drift import arctangent
 from rans_missions.orbits.uneven import UnevenOrbit
 
@@ -154,7 +154,7 @@ class EllipticOrbit(UnevenOrbit):
     def _radius(self) -> Field:
         """Distance of the target from the planet now, over the semi-major axis."""
         e = self.eccentricity
-        return 1.0 - e * cosine(eccentric_anomaly(self.angle, e))
+        return 1.0 - e * cos(eccentric_anomaly(self.angle, e))
 
     def _passed(self, t: Field) -> tuple[Field, Field, Field, Field]:
         """Sine and cosine of the true anomaly at the start, and of half of its change over a time t (s).
@@ -171,18 +171,18 @@ class EllipticOrbit(UnevenOrbit):
         end = eccentric_anomaly(self.angle + n * t, e)
         half = (end - anomaly) * 0.5
         middle = anomaly + half
-        short = (2.0 * half - 2.0 * e * cosine(middle) * sine(half)) - n * t
-        half = half - 0.5 * short / (1.0 - e * cosine(anomaly + 2.0 * half))
+        short = (2.0 * half - 2.0 * e * cos(middle) * sin(half)) - n * t
+        half = half - 0.5 * short / (1.0 - e * cos(anomaly + 2.0 * half))
         middle = anomaly + half
 
         # Radii over the semi-major axis; sine and cosine of the true anomaly and of half of its change.
-        r_0 = 1.0 - e * cosine(anomaly)
-        r_1 = 1.0 - e * cosine(anomaly + 2.0 * half)
-        sin_0 = eta * sine(anomaly) / r_0
-        cos_0 = (cosine(anomaly) - e) / r_0
+        r_0 = 1.0 - e * cos(anomaly)
+        r_1 = 1.0 - e * cos(anomaly + 2.0 * half)
+        sin_0 = eta * sin(anomaly) / r_0
+        cos_0 = (cos(anomaly) - e) / r_0
         scale = 1.0 / root(r_0 * r_1)
-        sin_h = eta * sine(half) * scale
-        cos_h = (cosine(half) - e * cosine(middle)) * scale
+        sin_h = eta * sin(half) * scale
+        cos_h = (cos(half) - e * cos(middle)) * scale
         return sin_0, cos_0, sin_h, cos_h
 
 
@@ -197,10 +197,10 @@ def eccentric_anomaly(mean_anomaly: Field, eccentricity: float) -> Field:
     turns = math.tau * whole(mean_anomaly / math.tau + 0.5)
     m = mean_anomaly - turns
     # Exact to the second order in e.
-    angle = m + e * sine(m) / root(1.0 - 2.0 * e * cosine(m) + e * e)
+    angle = m + e * sin(m) / root(1.0 - 2.0 * e * cos(m) + e * e)
     for _ in range(_HALLEY_STEPS):
-        lifted = e * sine(angle)
-        slope = 1.0 - e * cosine(angle)
+        lifted = e * sin(angle)
+        slope = 1.0 - e * cos(angle)
         miss = angle - lifted - m
         angle = angle - miss * slope / (slope * slope - 0.5 * miss * lifted)
     return angle + turns
@@ -209,8 +209,8 @@ def eccentric_anomaly(mean_anomaly: Field, eccentricity: float) -> Field:
 def mean_anomaly(true_anomaly: Field, eccentricity: float) -> Field:
     """Mean anomaly, rad, of a true anomaly from -pi to pi, rad."""
     eta = math.sqrt(1.0 - eccentricity * eccentricity)
-    anomaly = arctangent(eta * sine(true_anomaly), eccentricity + cosine(true_anomaly))
-    return anomaly - eccentricity * sine(anomaly)
+    anomaly = arctangent(eta * sin(true_anomaly), eccentricity + cos(true_anomaly))
+    return anomaly - eccentricity * sin(anomaly)
 
 
 def root(x: Field) -> Field:

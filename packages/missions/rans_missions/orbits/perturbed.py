@@ -13,7 +13,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from rans.extend import AnyVector, ClohessyWiltshire, Field, Quat, Vec2, Vec3, cosine, sine
+from rans.extend import AnyVector, ClohessyWiltshire, Field, Quat, Vec2, Vec3, cos, sin
 from rans_missions.orbits.earth import EARTH, EARTH_RADIUS, J2
 from rans_missions.orbits.uneven import UnevenOrbit
 
@@ -95,7 +95,7 @@ class PerturbedOrbit(UnevenOrbit):
             return p_1, v_1
         # Constant acceleration along the track; see `ClohessyWiltshire` for the digits at short times.
         n = self.mean_motion
-        s, half = sine(n * t), sine(0.5 * n * t)
+        s, half = sin(n * t), sin(0.5 * n * t)
         rise = 2.0 * half * half
         x = (n * t - s) * (2.0 / (n * n))
         y = rise * (4.0 / (n * n)) - 1.5 * t * t
@@ -119,9 +119,9 @@ class PerturbedOrbit(UnevenOrbit):
         faster = self.mean_motion / self.latitude_rate
         a = 0.5 * self.latitude_rate * t
         u = self.angle + a
-        s = sine(u)
-        c = cosine(u)
-        swing = 0.5 * sine(2.0 * a)
+        s = sin(u)
+        c = cos(u)
+        swing = 0.5 * sin(2.0 * a)
         tilt = math.sin(self.inclination) ** 2
         mean = self.mean_motion * (1.0 + 0.5 * self.oblateness * (1.0 - 1.5 * tilt))
         uneven = (self.oblateness * faster * tilt / 6.0) * (1.0 - 2.0 * s * s) * swing
@@ -130,13 +130,13 @@ class PerturbedOrbit(UnevenOrbit):
         x = across * s * (a + swing)
         y = across * c * (a - swing)
         rest = 1.0 - 0.5 * (x * x + y * y)
-        return Quat(cosine(half) * rest, x, y, sine(half) * rest)
+        return Quat(cos(half) * rest, x, y, sin(half) * rest)
 
     def rate(self) -> Vec3:
         """Angular velocity of W, rad/s, as in the description of the class."""
         n, k = self.mean_motion, self.oblateness
         tilt = math.sin(self.inclination) ** 2
-        s = sine(self.angle)
+        s = sin(self.angle)
         uneven = (1.0 - 2.0 * s * s) * (n * k * tilt / 6.0)
         return Vec3(
             s * (-n * k * math.sin(2.0 * self.inclination)),
@@ -172,8 +172,8 @@ class PerturbedOrbit(UnevenOrbit):
         tilt = math.sin(self.inclination) ** 2
         across = math.sin(2.0 * self.inclination)
         u = self.angle + self.latitude_rate * t
-        s = sine(u)
-        c = cosine(u)
+        s = sin(u)
+        c = cos(u)
         twice_s = s * c * (2.0 * tilt)
         twice_c = (1.0 - s * s * 2.0) * tilt
         mean = 1.0 - 1.5 * tilt

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from rans.base.display import Settings
 from rans.extend import (
-    AdvisedVelocityChange,
     Ball,
     ClohessyWiltshire,
     ConfigError,
@@ -239,6 +238,11 @@ class TargetOrbit(Settings):
 
 
 _CIRCLE = TargetOrbit()
+
+
+@dataclass(frozen=True)
+class AdvisedVelocityChange(InformationInW):
+    """A change of velocity in W that guidance recommends for the control period that begins now."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from rans import load_spacecraft
+from rans import load_spacecraft, scenarios
 from rans.extend import (
     EVALUATION_SEED,
     Options,
@@ -19,7 +19,6 @@ from rans.extend import (
     impulses,
     map_leaves,
     progress,
-    scenarios,
     stages,
     whole,
 )

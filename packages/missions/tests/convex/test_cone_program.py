@@ -9,13 +9,12 @@ import clarabel
 import numpy as np
 import pytest
 from hypothesis import given, strategies as st
-from rans_missions.convex.cone_program import ConeProgram
+from rans_missions.convex.cone_program import ConeProgram, SolverFailed
 from rans_missions.convex.landing import Descent, Lander, landing
 from rans_missions.convex.rendezvous import Flights, least_impulse
 from rans_missions.tasks.land import Land
 from scipy import sparse
 
-from rans.base.errors import SolverFailed
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.rendezvous import meeting_of
 

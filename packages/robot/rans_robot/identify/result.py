@@ -13,6 +13,7 @@ import numpy as np
 
 from rans import (
     BodyConditions,
+    Conditions,
     DisturbanceConditions,
     SensorConditions,
     SensorsConditions,
@@ -20,7 +21,6 @@ from rans import (
 )
 from rans.extend import (
     Body,
-    Conditions,
     ConfigError,
     Spacecraft,
     conditions_text,
