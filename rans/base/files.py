@@ -579,6 +579,8 @@ def reading(file: Path) -> Iterator[Any]:
     try:
         yield content
     except RansError as error:  # such as a name in a registry
+        if made := _other_version(file, content):
+            raise ConfigError(f"{file} {made}: {str(error)[:150]} ...") from error
         raise ConfigError(f"{file}: {error}") from error
     except (
         ArithmeticError,
@@ -591,10 +593,28 @@ def reading(file: Path) -> Iterator[Any]:
         reason = "a value is missing, or of another kind or size than it must be"
         if isinstance(error, KeyError):
             reason = f"there is no {brief(error.args[0])}"
+        made = _other_version(file, content) or "was probably edited by hand"
         raise ConfigError(
-            f"{file} is not what RANS writes there: {reason}. It was probably edited by hand, or is of another "
-            "version: write it again by its command, or delete it."
+            f"{file} is not what RANS writes there: {reason}. It {made}: write it again by its command, or "
+            "delete it."
         ) from error
+
+
+def _other_version(file: Path, content: Any) -> str:
+    """Which other version of RANS has made a file, as a part of a sentence; "": this one, or nothing says it."""
+    here = package_version("rans")
+    made = _version_of(content)
+    if not made and (beside := file.with_name("contract.json")).is_file():  # of an export
+        made = _version_of(read_json(beside))
+    return "" if made in ("", here) else f"was made by RANS {made}, and this is {here}"
+
+
+def _version_of(content: Any) -> str:
+    """Version of RANS that wrote the value of a JSON file, by its parts that may say so; "" if none does."""
+    if not isinstance(content, Mapping):
+        return ""
+    parts = (content.get(key) for key in ("about", "environment", "training"))
+    return str(content.get("rans", "")) or next(filter(None, map(_version_of, parts)), "")
 
 
 def folders_with(folder: Path, names: Iterable[str]) -> str:

@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 import cattrs
 import numpy as np
+from cattrs.gen import make_dict_structure_fn
 
 from rans.base.errors import ConfigError, RansError, brief, meant
 from rans.base.files import check_depth
@@ -145,20 +146,22 @@ def merged(table: Mapping[str, Any], over: Mapping[str, Any]) -> dict[str, Any]:
     return result
 
 
-def structure(table: Any, cls: type[T], where: str) -> T:
+def structure(table: Any, cls: type[T], where: str, is_written: bool = False) -> T:
     """Dataclass from plain values as `dataclasses.asdict` returns them, without conversions.
 
     Args:
         table: values.
         cls: class of the result.
         where: name of the table in messages.
+        is_written: whether RANS wrote the table, perhaps an earlier version: unknown keys without a value, as of an
+            effect that was not used, are left out.
 
     Raises:
         ConfigError: a key is unknown, or a value is of the wrong type or out of range; the message names its
             position.
     """
     try:
-        return _converter().structure(table, cls)
+        return _converter(is_written).structure(table, cls)
     except Exception as error:  # cattrs collects the exceptions of all values in groups
         reasons = cattrs.transform_error(error, path=where, format_exception=_say)
         # cattrs appends the position to each reason; put it first, as the subject of what must be.
@@ -167,12 +170,14 @@ def structure(table: Any, cls: type[T], where: str) -> T:
 
 
 @cache
-def _converter() -> cattrs.Converter:
+def _converter(is_written: bool) -> cattrs.Converter:
     """The one of every table: it writes a function for each class, which takes longer than any call of it.
 
     A kind of value that files may have needs its hook here, and its sentence in `_say`.
     """
     converter = cattrs.Converter(forbid_extra_keys=True)
+    if is_written:
+        converter.register_structure_hook_factory(is_dataclass, _leaving_out)
     converter.register_structure_hook_func(
         lambda kind: isinstance(kind, type) and inspect.isabstract(kind), lambda value, _: value
     )  # converted by the caller, which knows the class
@@ -189,6 +194,23 @@ def _converter() -> cattrs.Converter:
     ranges = lambda kind: kind in (Range, Range | None)  # noqa: E731
     converter.register_structure_hook_func(ranges, partial(_range, converter))
     return converter
+
+
+def _leaving_out(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:
+    """Hook of cattrs for a dataclass, whose tables may have unknown keys without a value."""
+    usual = make_dict_structure_fn(kind, converter)
+    known = {field.name for field in fields(kind)}
+
+    def hook(value: Any, _: Any) -> Any:
+        if isinstance(value, Mapping):
+            value = {key: x for key, x in value.items() if key in known or x not in _NOTHING}
+        return usual(value, kind)
+
+    return hook
+
+
+_NOTHING: tuple[Any, ...] = (None, "", [], {})
+"""Values of keys that say nothing."""
 
 
 def _refusing_texts(kind: Any, converter: cattrs.Converter) -> Callable[[Any, Any], Any]:

@@ -114,6 +114,7 @@ class Evaluate(Options):
         results = {
             self.engine: metrics.to_json(),
             "conditions": self._conditions(run, flight.commands.shape[1]),
+            "seed": self.seed,
             "about": about(str(self.agent), run.judged, "rans.evaluate"),
         }
         write_json(file, results, [f"episodes{suffix}.npz", f"episode{suffix}.svg"])

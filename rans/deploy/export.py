@@ -160,7 +160,8 @@ def write_export(
         prefix,
     )
     if form == OWN:
-        write_json(target.config_file, to_table(config) | {"spacecraft": craft.name})
+        own = {"spacecraft": craft.name, "rans": about["rans"]}
+        write_json(target.config_file, to_table(config) | own)
     write_text(target.spacecraft_file, text)
     about["about"] = made(spec or str(run), setup, "rans.export")
     if stack := stack_of(folder):

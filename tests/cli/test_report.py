@@ -35,7 +35,7 @@ def test_writes_the_page_and_ends_with_where_it_is(run, capsys):
         "Next:",
         "  rans list AGENTS",
     ]
-    assert "Something has failed." in (run / "report.html").read_text("utf-8")
+    assert "verdict bad" in (run / "report.html").read_text("utf-8")
 
 
 def test_the_agent_of_a_training_is_what_to_export(run):

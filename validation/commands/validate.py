@@ -63,7 +63,7 @@ class Validate(Options):
         for skipped in report.skipped:
             console.print(Text("not run", "yellow"), f"{skipped.name}: {skipped.reason}")
         total = len(report.checks)
-        seconds = report.settings["seconds"]
+        seconds = report.settings["seconds"]["all"]
         console.print(f"{total - len(failed)} of {total} checks passed in {seconds} s.")
         if report.is_partial:
             raise KeyboardInterrupt

@@ -2,7 +2,7 @@
 
 Its questions are those of ESA's handbook on qualifying machine learning (ECSS-E-HB-40-02A): operational domain,
 requirement, evidence, limits. Rows come from the files of results in the agent's folder, and a question without a
-file of this very agent is an empty row.
+file of this very question (agent, task, trade-off) is an empty row.
 """
 
 from __future__ import annotations
@@ -14,13 +14,14 @@ import shutil
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import asdict, dataclass, replace
 from os.path import normpath
 from pathlib import Path
 from typing import Any, Literal, get_args
 
-from rans.evaluation.fly.evidence import agent_hashes
+from rans.evaluation.fly.evidence import question_hashes
 from rans.extend import (
     ConfigError,
     ContestantName,
@@ -35,9 +36,11 @@ from rans.extend import (
     environment,
     inside,
     read_bytes,
+    read_text,
     reading,
     structure,
     write_json,
+    write_text,
 )
 from rans.show.pages.page import header
 from rans.show.pages.report import sections_of
@@ -50,11 +53,14 @@ _TITLES: dict[Part, str] = {
     "evidence": "Evidence",
     "limits": "Limits",
 }
-_ALIKE = 0.05
-"""How far a number may be from that of another computer, relative: processors round differently, and a flight or
-two of some hundreds end otherwise."""
-_MACHINE = ("processor", "torch", "numpy", "drake", "revision")
-"""What decides, beside agent and command, whether a result comes out equal bit by bit."""
+_LATE = "readings late by"
+"""The disturbance without which no dossier says how it stands."""
+_ALIKE = 1e-3
+"""How far a number may be from that of the command run again, relative: its last digits depend on the processor."""
+_SLOWER = 10.0
+"""How many times as long a command of an agent may take on another processor, or on one that is busy."""
+_OF_A_RUN = ("environment", "seconds", "revision", "rans")
+"""Entries of files of results that every run has of its own."""
 
 
 @dataclass(frozen=True)
@@ -65,8 +71,8 @@ class Source:
     """Pattern of its name, below the agent's folder."""
     command: str
     """Command that writes it, with {agent}, {craft} and {folder}."""
-    of: Literal["agent", "spacecraft", "simulation"]
-    """What its file must be of, by SHA-256."""
+    of: Literal["question", "agent", "spacecraft", "simulation"]
+    """What its file must be of, by SHA-256: the question is the agent with its task, trade-off and timing."""
     questions: tuple[tuple[Part, str], ...]
     """Rows that stand empty without it."""
 
@@ -84,16 +90,16 @@ SOURCES = (
     Source(
         "assurance*.json",
         "rans assure {agent} --episodes 10000",
-        "agent",
+        "question",
         (
             ("requirement", "requirement, and bound on the failure probability"),
             ("limits", "worst flights with their replay"),
         ),
     ),
     Source(
-        "evaluation-drake.json",
+        "evaluation*drake.json",
         "rans evaluate {agent} --engine drake --episodes 64",
-        "agent",
+        "question",
         (("evidence", "flights in Drake"),),
     ),
     Source(
@@ -111,13 +117,13 @@ SOURCES = (
     Source(
         "stress.json",
         "rans stress {agent} --episodes 32",
-        "agent",
+        "question",
         (("limits", "disturbances and faults that are tolerated"),),
     ),
     Source(
         "compare.json",
         "rans compare {agent} --with lqr optimal --conditions perfect --episodes 16 --certified 2",
-        "agent",
+        "question",
         (("limits", "gap to what is certified as possible"),),
     ),
 )
@@ -133,34 +139,27 @@ class Row:
     """Empty: there is no evidence, and `command` would make it."""
     passed: bool | None
     command: str
-    """Empty: nothing answers the question."""
+    """Of a row without evidence, with {agent}, {craft} and {folder}; empty: nothing answers the question."""
     file: str = ""
     """File of the evidence, below the agent's folder."""
     date: str = ""
-    agent: str = ""
-    """SHA-256 of the agent's weights that the evidence is of."""
     data: str = ""
     """SHA-256 of the file."""
-    machine: str = ""
-    """Processor and versions that made it."""
-    measured: bool = False
+    is_asked: bool = False
+    """Whether a bound is asked, which is undecided where ``passed`` is None."""
+    leads: bool = False
     """See `Fact`."""
 
 
 @dataclass(frozen=True)
 class _Written:
-    """Content of dossier.json."""
+    """Content of a dossier's JSON file."""
 
-    agent: str
+    names: dict[str, str]
+    """Agent, craft and folder, as commands name them."""
     hashes: dict[str, str]
     rows: tuple[Row, ...]
     environment: dict[str, str]
-
-    @classmethod
-    def read(cls, file: Path) -> _Written:
-        """Read what `Dossier.write` wrote; `ConfigError` if it is damaged."""
-        with reading(file) as table:
-            return structure(table, cls, str(file))
 
 
 UNPROVED = Row(
@@ -188,30 +187,25 @@ class Dossier:
         run = contestant(parsed)
         self.name = parsed.in_full or parsed.text
         self.folder = parsed.output_folder
-        self.hashes = agent_hashes(self.name, run.judged)
-        self._weights = next(
-            (value for key, value in self.hashes.items() if not key.startswith("spacecraft")), ""
-        )
+        self.file = inside(self.folder, "-".join(filter(None, ("dossier", parsed.part))) + ".json")
+        """File of the rows, beside which the page is."""
+        self.hashes = question_hashes(self.name, run.judged)
         craft = parsed.craft or run.craft.name
-        if parsed.kind == "run folder" and not parsed.craft:
-            craft = str(RunFolder(parsed.own_folder).spacecraft_file)
-        self._craft = craft
+        training: list[Row] = []
+        if parsed.kind in ("run folder", "pretrained"):
+            own = RunFolder(parsed.own_folder)
+            training = [_training(own)] if own.config_file.exists() else []
+            if parsed.kind == "run folder" and not parsed.craft:
+                craft = str(own.spacecraft_file)
+        names = {"agent": self.name, "craft": craft, "folder": str(self.folder)}
+        self.names = {key: shlex.quote(name) for key, name in names.items()}
         self.sections: list[Section] = []
         """Sections of the files that are evidence."""
-        self.rows = [*(row for source in SOURCES for row in self._rows(source)), UNPROVED]
-
-    @property
-    def file(self) -> Path:
-        """File of the rows, beside which the page is."""
-        return inside(self.folder, "dossier.json")
+        of_files = [row for source in SOURCES for row in self._rows(source)]
+        self.rows = [*training, *of_files, UNPROVED]
 
     def _rows(self, source: Source) -> Iterator[Row]:
         """Rows of a source: the facts of its files, or its questions."""
-        command = source.command.format(
-            agent=shlex.quote(self.name),
-            craft=shlex.quote(self._craft),
-            folder=shlex.quote(str(self.folder)),
-        )
         others = []
         answered = set[Part]()
         for file in sorted(self.folder.glob(source.files)):
@@ -220,21 +214,23 @@ class Dossier:
                 continue
             for found, section in sections_of(file.parent):
                 if found == file:
-                    self.sections.append(section)
+                    self.sections.append(replace(section, folded=True))
                     for fact in section.facts:
                         answered.add(fact.part)
-                        yield self._row(fact, file)
+                        yield self._row(fact, file, source)
         for part, what in source.questions:
             if part not in answered:
-                yield Row(part, "; ".join([what, *others]), "", None, command)
+                yield Row(part, "; ".join([what, *others]), "", None, source.command)
 
     def _other(self, source: Source, file: Path) -> str:
-        """Why a file is no evidence of this agent; "": it is."""
+        """Why a file is no evidence of this question; "": it is."""
         about = _about(file)
         if about.get("is_partial"):
             return f"{file.name} is of an interrupted command"
         recorded = about["hashes"]
-        wanted = self.hashes if source.of == "agent" else {}
+        wanted = self.hashes if source.of in ("question", "agent") else {}
+        if source.of == "agent":
+            wanted = {key: x for key, x in wanted.items() if key != "task and timing"}
         if source.of == "spacecraft":
             wanted = {"spacecraft": self.hashes["spacecraft"]}
         for key, value in wanted.items():
@@ -243,37 +239,38 @@ class Dossier:
                 return f"{file.name} {what} {key}"
         return ""
 
-    def _row(self, fact: Fact, file: Path) -> Row:
+    def _row(self, fact: Fact, file: Path, source: Source) -> Row:
         about = _about(file)
-        made = about["environment"]
         return Row(
             fact.part,
             fact.what,
             fact.amount,
             fact.passed,
-            str(about.get("command", "")),
+            str(about.get("command", "")) if fact.value else source.command,
             file.relative_to(self.folder).as_posix(),
-            str(made.get("date", "")),
-            self._weights,
+            str(about["environment"].get("date", "")),
             hashlib.sha256(read_bytes(file, _LARGEST)).hexdigest(),
-            ", ".join(str(made.get(key, "")) for key in _MACHINE),
-            fact.measured,
+            fact.is_asked,
+            fact.leads,
         )
+
+    def command(self, row: Row) -> str:
+        """Command of a row, which can be typed."""
+        return row.command if row.value else row.command.format(**self.names)
 
     def parts(self) -> list[Section]:
         """A section a question, in the order in which an engineer asks, with the rows that answer it."""
         sections = []
         for part in get_args(Part):
             rows = [row for row in self.rows if row.part == part]
-            columns = ("what", "value", "verdict", "command", "date", "agent", "data")
+            columns = ("what", "value", "verdict", "command", "date", "data")
             cells = [
                 (
                     row.what,
                     row.value or None,
-                    row.passed,
-                    row.command,
+                    "undecided" if row.is_asked and row.passed is None else row.passed,
+                    self.command(row),
                     row.date,
-                    row.agent[:8],
                     f"{row.file} {row.data[:8]}",
                 )
                 for row in rows
@@ -285,45 +282,61 @@ class Dossier:
 
     @property
     def verdict(self) -> str:
-        """How many rows have evidence, and how many of their bounds are kept."""
+        """What matters first, how many bounds are kept, and how many rows have evidence."""
         answered = [row for row in self.rows if row.value]
-        judged = [row for row in answered if row.passed is not None]
-        kept = sum(bool(row.passed) for row in judged)
-        return (
-            f"{len(answered)} of {counted(len(self.rows), 'row')} have evidence; "
-            f"kept: {kept} of {counted(len(judged), 'bound')}."
-        )
+        leading = [f"{row.what}: {row.value.partition(' (')[0]}" for row in answered if row.leads]
+        if not any(row.what.startswith(_LATE) for row in answered):
+            leading.append(f"{_LATE}: not flown")
+        judged = [row.passed for row in answered if row.passed is not None or row.is_asked]
+        words = {True: "kept", False: "not kept", None: "undecided"}
+        bounds = ", ".join(f"{judged.count(x)} {word}" for x, word in words.items() if x in judged)
+        leading.append(f"bounds: {bounds or 'none'}")
+        return f"{'; '.join(leading)}. {len(answered)} of {counted(len(self.rows), 'row')} have evidence."
+
+    def _page(self, made: Mapping[str, str]) -> str:
+        """The page, as it was written under an environment."""
+        first, *others = self.parts()
+        hashes = Table(("what", "SHA-256"), [*self.hashes.items()])
+        what = Section("What it is of", tables=[hashes], folded=True)
+        about = header({"agent": self.name, "environment": dict(made)})
+        sections = [replace(first, hero=self.verdict), *others, what, *self.sections]
+        return Page(f"Dossier of {self.name}", sections, about, True, made["date"]).html()
 
     def write(self) -> None:
-        """Write dossier.json and dossier.html, with the sections of all evidence below the rows."""
-        written = _Written(self.name, self.hashes, (*self.rows,), environment())
-        write_json(self.file, asdict(written))
-        hashes = Table(("what", "SHA-256"), [*self.hashes.items()])
-        first, *others = self.parts()
-        leading = replace(first, hero=self.verdict)
-        what = Section("What it is of", tables=[hashes])
-        about = header({"agent": self.name, "environment": environment()})
-        sections = [leading, *others, what, *self.sections]
-        page = Page(f"Dossier of {self.name}", sections, about, sheet=True)
-        page.write(self.file.with_suffix(".html"))
+        """Write JSON file and page, with the sections of all evidence folded below the rows."""
+        made = environment()
+        write_json(self.file, asdict(_Written(self.names, self.hashes, (*self.rows,), made)))
+        write_text(self.file.with_suffix(".html"), self._page(made))
 
     def falsehoods(self) -> Iterator[str]:
-        """What is wrong in the dossier that was written: against the agent, its files, and their commands again.
+        """What is wrong in the dossier that was written: against the agent, its files, and its page.
+
+        A folder that has been moved since is named as it was.
 
         Raises:
-            ConfigError: there is none.
+            ConfigError: there is none, or it is damaged.
         """
         if not self.file.exists():
             raise ConfigError(f"{self.file} is not there: rans dossier {self.name} writes it.")
-        written = _Written.read(self.file)
-        before = {(row.file, row.what): row for row in written.rows}
-        for key, value in self.hashes.items():
-            if written.hashes.get(key) != value:
+        with reading(self.file) as table:
+            written = structure(table, _Written, self.file.name, is_written=True)
+            names = {**self.names, **written.names}
+        for key in dict.fromkeys((*self.hashes, *written.hashes)):
+            if written.hashes.get(key) != self.hashes.get(key):
                 yield f"the dossier is of another agent: {key} differs"
-        yield from _differences(before, self.rows, "its file says", is_exact=True)
+        old, new = (
+            {f"{row.what} ({row.file or 'no file'})": asdict(row) for row in rows}
+            for rows in (written.rows, self.rows)
+        )
+        yield from _differences(old, new, "the dossier says", "its file")
+        was = copy(self)
+        was.names, was.name = names, shlex.split(names["agent"])[0]
+        page = self.file.with_suffix(".html")
+        if not page.exists() or read_text(page) != was._page(written.environment):
+            yield f"{page.name} is not the page of these rows: it was changed, or another version of RANS wrote it"
 
     def repeated(self, row: Row) -> Iterator[str]:
-        """Differences of the rows of a file from those that its command gives in an empty folder.
+        """Differences of a file of results from what its command writes in an empty folder.
 
         Args:
             row: any row of the file.
@@ -333,10 +346,17 @@ class Dossier:
             yield f"{row.file} names no command of a dossier: {row.command}"
             return
         with tempfile.TemporaryDirectory() as place:
-            again = _again(self, words, Path(place))
-        old = {(one.file, one.what): one for one in self.rows if one.file == row.file}
-        new = [one for one in again if one.file == row.file]
-        yield from _differences(old, new, "its command gives", is_exact=False)
+            again = _again(self, words, row.file, Path(place))
+        with reading(self.folder / row.file) as before:
+            yield from _differences(before, again, f"{row.file} says", "its command")
+
+    def made_elsewhere(self, row: Row) -> str:
+        """With what the file of a row was made that is another one here, which may explain differences."""
+        before = _about(self.folder / row.file)["environment"]
+        here = environment()
+        keys = ("rans", "revision", "processor", "torch", "numpy", "drake")
+        others = (f"{x} {before.get(x)} (here {here[x]})" for x in keys if before.get(x) != here[x])
+        return ", ".join(others)
 
     def _words(self, command: str) -> list[str]:
         """Words of a command that a file names; none if it may run code of whoever wrote the file."""
@@ -357,6 +377,17 @@ class Dossier:
         return words if is_known and not (is_code or is_out or is_trusted) else []
 
 
+def _training(own: RunFolder) -> Row:
+    """How an agent was trained, by its folder; without a value where nobody has recorded it."""
+    known = own.training()
+    made = known.get("environment", {})
+    value = ""
+    if known:
+        value = f"{own.config().algorithm}, {known['steps']:,} steps, seed {known['seed']}, RANS "
+        value += f"{made.get('rans', 'unknown')}, revision {made.get('revision', 'unknown')}"
+    return Row("domain", "training", value, None, "")
+
+
 def _about(file: Path) -> dict[str, Any]:
     """How a file of results was made: command, environment and hashes; empty where it does not say."""
     with reading(file) as content:
@@ -364,46 +395,50 @@ def _about(file: Path) -> dict[str, Any]:
         return about | {key: dict(about.get(key, {})) for key in ("environment", "hashes")}
 
 
-def _again(dossier: Dossier, words: Sequence[str], place: Path) -> list[Row]:
-    """Rows after a command has run beside a copy of the agent alone.
+def _again(dossier: Dossier, words: list[str], file: str, place: Path) -> Any:
+    """What a command writes into a file beside a copy of the agent alone, which it finds where it names it.
 
     Raises:
-        ConfigError: the command has failed.
+        ConfigError: the command has not written the file.
     """
     name = ContestantName.parse(dossier.name)
-    copied = [Path(word) for word in (name.craft, *words[2:]) if word.endswith(".toml")]
+    # Files of here by the paths that the command gives them: the folder may have been moved since.
+    named = [word for word in words[2:] if word.endswith(".toml")]
+    copied = {Path(path): Path(path) for path in named}
+    if name.craft.endswith(".toml"):
+        copied[Path(words[2].partition("#")[0].rpartition("@")[2])] = Path(name.craft)
     if name.policy_file:
-        copied.append(name.policy_file)
+        copied[name.policy_file] = name.policy_file
     if name.kind == "run folder":
-        results = [*(source.files for source in SOURCES), "*.html", dossier.file.name]
-        copied += [file for file in Path(name.name).iterdir() if not any(map(file.match, results))]
+        was = Path(words[2].removesuffix(f"#{name.part}"))
+        was = was.parent if words[1] == "validate" else was
+        results = [*(source.files for source in SOURCES), "*.html", "dossier*.json"]
+        for inner in Path(name.name).iterdir():
+            if not any(map(inner.match, results)):
+                copied[was / inner.name] = inner
     # Below the place is a folder for every path: a relative one is there as it is here, with "..".
     folder = place / _moved(str(Path.cwd()), place)
     folder.mkdir(parents=True)
-    for file in copied:
-        if file.is_file():
-            inner = folder / _moved(str(file), place)
+    for there, here in copied.items():
+        if here.is_file():
+            inner = folder / _moved(str(there), place)
             inner.parent.mkdir(parents=True, exist_ok=True)
-            shutil.copy(file, inner)
-    for arguments in (words[1:], ["dossier", dossier.name]):
-        done = subprocess.run(
-            # No module is imported from the folder of an agent.
-            [sys.executable, "-P", "-m", "rans", *(_moved(word, place) for word in arguments)],
-            cwd=folder,
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-    written = next(place.rglob(dossier.file.name), None)
+            shutil.copy(here, inner)
+    done = subprocess.run(
+        # No module is imported from the folder of an agent.
+        [sys.executable, "-P", "-m", "rans", *(_moved(word, place) for word in words[1:])],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    written = next(place.rglob(file), None)
     if written is None:
         raise ConfigError(f"{shlex.join(words)} ended with {done.returncode}: {done.stderr[-300:]}")
-    rows = []
-    for row in _Written.read(written).rows:
-        texts = {
-            key: x.replace(str(place), "") for key, x in asdict(row).items() if isinstance(x, str)
-        }
-        rows.append(replace(row, **texts))  # pyrefly: ignore[bad-argument-type]
-    return rows
+    # It names paths as they were, not those below the place.
+    write_text(written, read_text(written).replace(str(place), ""))
+    with reading(written) as content:
+        return content
 
 
 def _moved(word: str, place: Path) -> str:
@@ -416,35 +451,38 @@ def _paths(word: str) -> list[str]:
     return re.split("([=@])", word)
 
 
-def _differences(
-    before: Mapping[tuple[str, str], Row], after: Sequence[Row], where: str, is_exact: bool
-) -> Iterator[str]:
-    """Rows that say something else than those of a dossier."""
-    now = {(row.file, row.what): row for row in after}
-    for key in dict.fromkeys((*before, *now)):
-        old = before.get(key)
-        new = now.get(key)
-        what = f"{key[1]} ({key[0] or 'no file'})"
-        if old is None or new is None:
-            yield f"{what}: the dossier {'lacks it' if old is None else 'has it'}, {where} otherwise"
-        elif old.passed != new.passed:
-            verdict = {True: "pass", False: "FAIL", None: "no verdict"}
-            yield f"{what}: the dossier says {verdict[old.passed]}, {where} {verdict[new.passed]}"
-        elif not _alike(old, new, is_exact):
-            yield f"{what}: the dossier says {old.value}, {where} {new.value}"
-        elif is_exact and old != new:
-            changed = [key for key, value in asdict(old).items() if asdict(new)[key] != value]
-            yield f"{what}: {', '.join(changed)} is another than that of its file"
+def _differences(old: Any, new: Any, said: str, by: str) -> Iterator[str]:
+    """Values of two JSON values that differ, apart from what every run has of its own."""
+    before, after = dict(_leaves(old)), dict(_leaves(new))
+    for path in dict.fromkeys((*before, *after)):
+        if path not in before or path not in after:
+            yield f"{path}: {said} {'it' if path in before else 'nothing'}, {by} otherwise"
+        elif not _alike(before[path], after[path]):
+            yield f"{path}: {said} {before[path]}, {by} {after[path]}"
 
 
-def _alike(old: Row, new: Row, is_exact: bool) -> bool:
-    """Whether two values are equal, or from two computers nearly so."""
-    if old.value == new.value or (old.measured and not is_exact):
-        return True
-    if is_exact or old.machine == new.machine:
-        return False
-    numbers = [re.findall(r"-?\d+(?:\.\d+)?(?:e-?\d+)?", text) for text in (old.value, new.value)]
-    return len(numbers[0]) == len(numbers[1]) and all(
-        abs(float(a) - float(b)) <= _ALIKE * max(abs(float(a)), abs(float(b)))
-        for a, b in zip(*numbers, strict=True)
-    )
+def _leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Plain values of a JSON value, by their place in it."""
+    if isinstance(value, Mapping):
+        for key, inner in value.items():
+            if key not in _OF_A_RUN:
+                yield from _leaves(inner, f"{path}, {key}" if path else str(key))
+    elif isinstance(value, list | tuple):
+        for number, inner in enumerate(value):
+            own = inner.get("name", number) if isinstance(inner, Mapping) else number
+            yield from _leaves(inner, f"{path}, {own}")
+    else:
+        yield path, value
+
+
+def _alike(old: Any, new: Any) -> bool:
+    """Whether two values are equal, to the digits that depend on the processor; times of a command roughly."""
+    if isinstance(old, str) and isinstance(new, str):
+        parts = [re.split(r"(\d+(?:\.\d+)?) us", text) for text in (old, new)]
+        times = zip(*(part[1::2] for part in parts), strict=False)
+        return parts[0][::2] == parts[1][::2] and all(
+            float(a) <= _SLOWER * float(b) and float(b) <= _SLOWER * float(a) for a, b in times
+        )
+    if bool in (type(old), type(new)) or not all(isinstance(x, int | float) for x in (old, new)):
+        return bool(old == new)
+    return abs(old - new) <= _ALIKE * max(abs(old), abs(new))

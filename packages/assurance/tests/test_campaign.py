@@ -74,6 +74,18 @@ def test_a_wanted_bound_far_from_the_truth_is_decided_early():
     assert shown.flights < shown.plan.flights
 
 
+@pytest.mark.parametrize("failures", [0, 900])
+def test_an_interrupt_decides_nothing(failures):
+    """Counts that would decide at a look: looks at any time would be wrong more often than is said."""
+    campaign = Campaign(plan(0.99, None, 0.1), 0)
+    at_look = campaign.plan.looks[0].flights
+    for flights, decision in ((at_look - 1, "open"), (1, "above" if failures else "below")):
+        more = Fleet().part(0, 0)
+        counts = {**more.failures, Failure.LEFT: min(failures, flights)}
+        campaign.add(replace(more, flights=flights, failures=counts))
+        assert campaign.decision == decision
+
+
 @pytest.mark.usefixtures("fleet")
 def test_bars_reach_their_ends_where_a_campaign_is_decided_early():
     bars = {}

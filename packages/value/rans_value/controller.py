@@ -85,6 +85,8 @@ class GreedyController:
 
     observes = False
     slow = 32
+    files: tuple[Path, ...] = ()
+    """What decides its commands."""
 
     def __init__(
         self,
@@ -107,6 +109,7 @@ class GreedyController:
                 f"position_tolerance must be above 0 and at most that of the training, {most:g} m, got "
                 f"{position_tolerance!r}."
             )
+        self.files = run.config_file, run.checkpoint_file
         self._setup = run.spacecraft(), settings, config.timing
         self._tolerance = position_tolerance or most
         kind = PoseProblem if config.conditions.or_none is None else VariedProblem
@@ -225,6 +228,7 @@ class Newest(GreedyController):
             plain, varied = (folders or found[not kind] for kind, folders in found.items())
             super().__init__(plain[0], *how)
             self._varied = GreedyController(varied[0], *how)
+            self.files += self._varied.files
             if task.goal_notes is None:
                 for made in (self, self._varied):
                     made.name += f"#{made._trade_off:g}"

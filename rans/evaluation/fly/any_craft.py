@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rans.base.errors import ConfigError, brief
-from rans.base.files import ready_folder, replace_file, write_json, write_text
+from rans.base.files import package_version, ready_folder, replace_file, write_json, write_text
 from rans.base.pretrained import ADAPTIVE, FOR_ANY_CRAFT
 from rans.episode.flight import Controller
 from rans.evaluation.fly.agent import Agent, LoadedRun
@@ -182,7 +182,8 @@ def write_for_spacecraft(source: Path, run: LoadedRun, folder: Path) -> Path:
     content = actor_bytes(network.architecture, network.weights(), steps)
     replace_file(folder / AGENT, lambda draft: draft.write_bytes(content))
     table = to_table(replace(config, timing=run.timing, settings=run.task)) | {
-        "spacecraft": craft.name
+        "spacecraft": craft.name,
+        "rans": package_version("rans"),
     }
     write_json(folder / "config.json", table)
     write_text(folder / "spacecraft.toml", to_toml(craft))

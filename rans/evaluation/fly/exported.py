@@ -143,8 +143,7 @@ def load_exported(folder: Path) -> LoadedRun:
     """
     contract = read_contract(folder)
     with reading(folder / CONTRACT):  # such as a task that is not installed
-        kind = TASKS[contract["task"]]
-    task = structure(contract["settings"], kind, f"{folder / CONTRACT}: settings")
+        task = structure(contract["settings"], TASKS[contract["task"]], "settings", True)
     craft = read_spacecraft(inside(folder, "spacecraft.toml"))
     timing = timing_of_file(craft, task, "spacecraft.toml", float(contract["control_period"]))
     if (steps := contract.get("episode_steps")) is not None:  # earlier exports have none

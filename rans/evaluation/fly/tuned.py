@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, TypedDict
 
 from rans.base.errors import ConfigError, is_finite
-from rans.base.files import distinct, inside, read_json, write_json
+from rans.base.files import distinct, inside, package_version, reading, write_json
 from rans.base.structure import Number, structure
 from rans.episode.step import Setup
 from rans.evaluation.fly.controllers import CONTROLLERS
@@ -62,6 +62,8 @@ class Tuned:
     """Conditions of the flights as TOML (`rans.randomization.conditions_file.conditions_text`); "": none."""
     seconds: float = field(default=0.0, compare=False)
     """Processor time of the search, s; 0: not known."""
+    rans: str = field(default="", compare=False)
+    """Version that wrote it."""
 
     @classmethod
     def read(cls, file: Path) -> Tuned:
@@ -71,7 +73,8 @@ class Tuned:
             ConfigError: it is damaged.
         """
         try:
-            return structure(read_json(inside(file.parent, file.name)), cls, str(file))
+            with reading(inside(file.parent, file.name)) as table:
+                return structure(table, cls, "tuned", is_written=True)
         except ConfigError as error:
             raise ConfigError(
                 f"{error} Delete it: then the settings in the package are used."
@@ -79,7 +82,7 @@ class Tuned:
 
     def write(self, file: Path) -> None:
         """See `rans.base.files.write_json`."""
-        write_json(file, asdict(self))
+        write_json(file, asdict(self) | {"rans": package_version("rans")})
 
     def fits(self, name: str, setup: Setup) -> bool:
         """Whether the settings fit a controller and a setup; starts and length of episodes may differ.

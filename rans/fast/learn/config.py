@@ -392,8 +392,8 @@ to_table = dataclasses.asdict
 """Plain JSON values of a config."""
 
 
-def from_table(table: dict[str, Any]) -> TrainConfig:
-    """Config from a table of `to_table`, which may have been changed.
+def from_table(table: dict[str, Any], is_written: bool = False) -> TrainConfig:
+    """Config from a table of `to_table`, which may have been changed; ``is_written`` as of `structure`.
 
     Raises:
         ConfigError: a key or value is wrong.
@@ -403,13 +403,14 @@ def from_table(table: dict[str, Any]) -> TrainConfig:
             'a training must name its task: task = "go-to-pose" in a recipe, "task": "go-to-pose" in a '
             "config.json."
         )
-    settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings")
+    settings = structure(table.get("settings", {}), TASKS[table["task"]], "settings", is_written)
     if isinstance(ppo := table.get("ppo"), dict):
         table = table | {"ppo": without_kinds(ppo)}
     timing = table.get("timing", {})
     if isinstance(timing, dict):  # missing values are those of the task
         timing = dataclasses.asdict(settings.timing) | timing
-    return structure(table | {"settings": settings, "timing": timing}, TrainConfig, "config")
+    table = table | {"settings": settings, "timing": timing}
+    return structure(table, TrainConfig, "config", is_written)
 
 
 def without_kinds(ppo: dict[str, Any]) -> dict[str, Any]:

@@ -258,13 +258,10 @@ def read_config(file: Path) -> TrainConfig:
     Raises:
         ConfigError: the file has no valid config, or names a task that is not trusted (`Registry`).
     """
-    table = files.read_json(file)
-    if isinstance(table, dict):
-        table.pop("about", None)
-    try:
-        return from_table(table)
-    except ConfigError as error:
-        raise ConfigError(f"{file}: {error}") from error
+    with files.reading(file) as table:
+        if isinstance(table, dict):
+            table = {key: x for key, x in table.items() if key not in ("about", "rans")}
+        return from_table(table, is_written=True)
 
 
 def run_path(config: TrainConfig) -> Path:

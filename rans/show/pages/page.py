@@ -67,8 +67,10 @@ class Fact(NamedTuple):
     """Whether a bound is kept; None: there is none."""
     note: str = ""
     """In small letters: its interval, or what it is compared with."""
-    measured: bool = False
-    """Whether it is a time of this computer, which is another one in every run."""
+    is_asked: bool = False
+    """Whether a bound is asked, so that it is undecided where ``passed`` is None."""
+    leads: bool = False
+    """Whether a dossier begins with it."""
 
     @property
     def amount(self) -> str:
@@ -102,6 +104,8 @@ class Section:
     """Whether it belongs to the sheet that is printed, see `Page.sheet`."""
     hero: str = ""
     """Its result in one sentence, where it may stand above everything else."""
+    flies: bool = False
+    """Whether its results are flights, without which no page of an agent is green."""
     sure: Fact | None = None
     """How sure a result is: a tile of every first screen."""
 
@@ -153,6 +157,8 @@ class Page:
     """How it was made: command, revision, versions, hardware, seeds."""
     sheet: bool = False
     """Whether it prints as one sheet: the result, the verdict and the sections that are first."""
+    written: str = ""
+    """When it was written; empty: now."""
 
     @property
     def hero(self) -> str:
@@ -191,9 +197,27 @@ class Page:
 
     @property
     def passed(self) -> bool | None:
-        """Whether what was checked has passed; None where nothing was checked."""
+        """Whether all has passed; None where nothing was checked, no agent has flown, or a bound is undecided."""
         checks = self.checks
-        return checks[0][0] if checks else None
+        if checks and not checks[0][0]:
+            return False
+        is_judged = not self.sheet or any(section.flies for section in self.sections)
+        return True if checks and is_judged and not self.undecided else None
+
+    @property
+    def undecided(self) -> list[str]:
+        """Bounds that were asked for, and that too few flights decide."""
+        facts = (fact for section in self.sections for fact in section.facts)
+        return [f"{x.what}: {x.amount}" for x in facts if x.is_asked and x.passed is None]
+
+    @property
+    def verdict(self) -> str:
+        """What was checked and how it ended, in a sentence."""
+        kept = sum(passed for passed, _ in self.checks)
+        text = f"{kept} of {counted(len(self.checks), 'check')} passed"
+        text += f", {len(self.undecided)} undecided" if self.undecided else ""
+        is_judged = not self.sheet or any(section.flies for section in self.sections)
+        return text + ("." if is_judged else ": no flight of an agent is among what was checked.")
 
     def summary(self) -> Table:
         """The few most telling lines of every section, for the terminal."""
@@ -206,7 +230,7 @@ class Page:
 
     def html(self) -> str:
         """The page."""
-        written = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+        written = self.written or datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         return filled(
             "page.html.j2",
             page=self,

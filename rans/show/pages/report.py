@@ -247,6 +247,7 @@ def evaluation_section(measured: Sequence[Metrics], pictures: Sequence[Picture] 
         pictures,
         [fact for m in measured for fact in _key_metrics(m)],
         notes=[note for m in measured if (note := _doubt(m))],
+        flies=True,
         hero=_headline(measured[0]) if measured else "",
     )
 
@@ -287,10 +288,12 @@ def _key_metrics(measured: Metrics) -> Iterator[Fact]:
         if name in lines:
             value, limits = lines[name]
             passed = None
-            if name == "solved":
+            is_asked = name == "solved"
+            if is_asked:
                 limits += f"; at least {SOLVED_SHARE:g} % are asked"
                 passed = None if _doubt(measured) else measured[name].value >= SOLVED_SHARE
-            yield Fact(f"{name}, {engine}", value, passed=passed, note=limits)
+            fact = Fact(f"{name}, {engine}", value, passed=passed, note=limits)
+            yield fact._replace(is_asked=is_asked, leads=is_asked)
     yield Fact(f"episodes, {engine}", f"{measured.episodes:,}")
 
 
@@ -309,6 +312,7 @@ def comparison_section(comparison: Mapping[str, Any]) -> Section:
         failures=[*map(str, comparison["failures"])],
         notes=[*map(str, comparison.get("notes", ()))],
         link="compare.html",
+        flies=True,
         hero=str(comparison.get("hero", "")),
     )
 

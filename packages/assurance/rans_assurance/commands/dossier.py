@@ -7,10 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro import conf
 
-from rans.extend import Table, Terminal, doing
+from rans.extend import Table, Terminal, counted, doing
 
 if TYPE_CHECKING:
     from rans_assurance.dossier import Dossier
+
+
+_SCREEN = 12
+"""Lines of what differs."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +55,11 @@ class DossierCommand:
                 terminal.table(Table(part.tables[0].columns[:3], rows, part.title))
         empty = [row for row in dossier.rows if not row.value]
         for command in dict.fromkeys(row.command for row in empty):
-            asked = (row.what for row in empty if row.command == command)
-            terminal.say(f"No evidence for {'; '.join(asked)}{':' if command else '.'}")
+            asked = [row for row in empty if row.command == command]
+            whats = "; ".join(row.what for row in asked)
+            terminal.say(f"No evidence for {whats}{':' if command else '.'}")
             if command:
-                terminal.command(command)
+                terminal.command(dossier.command(asked[0]))
         terminal.say(dossier.verdict)
         terminal.say(f"Written to {dossier.file.with_suffix('.html')}, {dossier.file.name}.")
         return 0
@@ -64,15 +69,20 @@ def _check(dossier: Dossier) -> int:
     """Print what is false in a dossier; its commands run only where its files agree with it."""
     terminal = Terminal()
     found = [*dossier.falsehoods()]
-    by_file = {row.file: row for row in dossier.rows if row.file}
+    by_file = {row.file: row for row in dossier.rows if row.file and row.value}
     if not found:
         for row in by_file.values():
             with doing(row.command):
                 found += dossier.repeated(row)
-    for sentence in found:
+            if elsewhere := dossier.made_elsewhere(row):
+                terminal.say(f"{row.file} was made with {elsewhere}.")
+    for sentence in found[:_SCREEN]:
         terminal.say(f"FALSE: {sentence}.")
+    if len(found) > _SCREEN:
+        terminal.say(f"And {counted(len(found) - _SCREEN, 'further value')}.")
     if not found:
         terminal.say(
-            f"{len(dossier.rows):,} rows agree with their files, and {len(by_file)} files with their commands."
+            f"{counted(len(dossier.rows), 'row')} agree with their files, the page with the rows, and "
+            f"{counted(len(by_file), 'file')} with their commands, apart from dates and times."
         )
     return 1 if found else 0

@@ -24,18 +24,22 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
     below = result["about"]["below"]
     passed = result["decision"] == "below" if below is not None and is_over(result) else None
     failed = "{failures:,} of {flights:,}".format(**bound)
+    under = file.stem.removeprefix("assurance").replace("-", " ") or " own conditions"
     replays = result.get("replays") or {}
     judged = replays.get("judged", [])
     sure = Fact(
-        "failure probability, at most" + (f" ({below:g} allowed)" if below is not None else ""),
+        f"failure probability under{under}, at most"
+        + (f" ({below:g} allowed)" if below is not None else ""),
         f"{bound['at most']:.3g}",
         "requirement",
         passed,
         f"{failed} flights failed\n{_sure(result)} confidence",
+        is_asked=below is not None,
+        leads=True,
     )
     again = [*_replay_facts(replays, judged)]
     facts = [
-        Fact("flights that failed", failed, "requirement"),
+        Fact(f"flights that failed under{under}", failed, "requirement"),
         sure,
         *again,
         *([] if bound["failures"] else [Fact("worst flight", "none failed", "limits")]),
@@ -54,6 +58,7 @@ def assurance_section(file: Path, result: Mapping[str, Any]) -> Section:
         ],
         hero=decision_sentence(result),
         sure=sure,
+        flies=True,
     )
 
 
@@ -104,11 +109,10 @@ def asked(result: Mapping[str, Any]) -> Iterator[Table]:
 
 
 def _asked_facts(result: Mapping[str, Any]) -> Iterator[Fact]:
-    """Rows of the scope but conditions, which are as many as a mixture has; those of a name are one."""
+    """Rows of the scope, those of a name as one."""
     texts: dict[str, list[str]] = {}
     for what, text in result["scope"]["rows"]:
         texts.setdefault(what, []).append(str(text))
-    texts.pop("conditions", None)
     for what, some in texts.items():
         yield Fact(what, "; ".join(some), "domain" if what == "starts" else "requirement")
 
@@ -134,7 +138,7 @@ def _replay_facts(replays: Mapping[str, Any], judged: list[Mapping[str, Any]]) -
             key=lambda replayed: replayed["excess"],
         )
         text = f"{worst['excess']:.3g} tolerances; in the end it {worst['ending']}; {worst['see']}"
-        yield Fact(f"worst flight that {Failure[kind].meaning}", text, "limits")
+        yield Fact(f"worst flight: {Failure[kind].meaning}", text, "limits")
 
 
 def _again(judged: list[Mapping[str, Any]]) -> Iterator[Table]:

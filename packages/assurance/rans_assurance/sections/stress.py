@@ -48,10 +48,14 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
         hero = f"{first} solves {worst.value} of the episodes {worst.what.removeprefix('solved ')}"
         hero += f", the worst of {len(facts)} sets of conditions" if len(facts) > 1 else ""
         hero += f" ({'; '.join(worst.note.splitlines())})."
+    facts = [fact._replace(leads=not k) for k, fact in enumerate(facts)]
     asks = _part(stress, [first]).replace(" of the episodes", "")
     for name, unit, *cells in reaches:
         sizes = [f"{cell} {unit}".rstrip() if cell[-1].isdigit() else cell for cell in cells]
-        facts.append(_fact(f"{name}, {asks} solved up to", sizes, names))
+        fact = _fact(f"{name}, {asks} solved up to", sizes, names)
+        facts.append(fact._replace(leads=name == "readings late by"))
+    if missing := stress.get("not flown"):
+        facts.append(Fact(f"disturbances that were not flown: {', '.join(missing)}", "", "limits"))
     sizes = [
         (
             row["effect"],
@@ -75,6 +79,7 @@ def stress_section(_: Path, stress: Mapping[str, Any]) -> Section:
             *asked(stress),
         ],
         hero=hero,
+        flies=True,
     )
 
 

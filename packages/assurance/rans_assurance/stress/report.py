@@ -140,6 +140,7 @@ class StressReport:
             "is_partial": self.is_partial,
             "scope": {"rows": [*rows, *contents]},
             "seed": contest.seed,
+            "not flown": stress.not_flown,
             "contestants": {
                 contestant.name: {
                     "spec": spec,

@@ -56,6 +56,8 @@ class Stress:
     """Failures of contestants, a sentence each."""
     stopped: dict[str, int] = field(default_factory=dict)
     """Number of times that the solver of each contestant found no solution."""
+    not_flown: Sequence[str] = ()
+    """Names of effects that were not chosen."""
 
     @cached_property
     def levels(self) -> list[Level]:
@@ -193,6 +195,7 @@ def prepared(
         [e for e in available if not only or e.name in only],
         slow_episodes,
         enlisted(specs, contest, trust),
+        not_flown=[e.name for e in available if only and e.name not in only],
     )
 
 
