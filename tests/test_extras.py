@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from zlib import crc32
 
@@ -22,6 +23,21 @@ README = (
     "view runs/my-agent --play --save fly.html",
 )
 """Commands of README and of an own spacecraft, in a user's order."""
+PROMISED = {
+    "optimal": (
+        "optimal go-to-pose --objective time --start 1 0 10deg --certify --certify-seconds 1 --output o",
+        "compare own.toml --with mpc --episodes 1 --certified 0",
+    ),
+    "video": ("view go-to-pose-2d --episodes 1 --save f.gif",),
+    "onnx": (
+        "export go-to-pose-2d --format onnx --output onnx",
+        "evaluate onnx:onnx/agent.onnx:go-to-pose-2d --episodes 2",
+    ),
+    "verify": ("view go-to-pose-2d --episodes 1 --save f.png",),
+}
+"""What docs/install.md says an extra is for, as far as commands go."""
+BROUGHT = {"optimal": {"llvmlite"}, "verify": {"matplotlib", "PIL"}, "video": {"PIL"}}
+"""Modules that packages of an extra bring: numba, Drake, and Pillow."""
 TINY = (
     "--set ppo.n_envs=8 --set ppo.n_steps=4 --set ppo.batch_size=16 --set timing.episode_steps=20 "
     "--set total_timesteps=64"
@@ -56,6 +72,20 @@ def printed_next(text: str) -> list[str]:
     """Commands under "Next:" in what a command prints, shortened."""
     lines = re.findall(r"^  (?:rans )?(.*)$", text.partition("Next:\n")[2], re.MULTILINE)
     return [shortened(line.partition("   # ")[0]) for line in lines]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("alone", PROMISED)
+def test_an_extra_alone_does_what_the_page_promises(alone, tmp_path):
+    hidden = {module for module, extra in EXTRAS.items() if extra not in (alone, "agents")}
+    hidden -= BROUGHT.get(alone, set())
+    lines = [README[0], *PROMISED[alone]]
+    for line, code, text in ran(lines, hidden, tmp_path):
+        assert code == 0, f"{line}\n{text}"
+    if alone == "optimal":
+        found = json.loads((tmp_path / "o/optimal.json").read_text("utf-8"))
+        assert found["starts"][0]["sentence"] == "solved, not flown"
+        assert found["bounds"]
 
 
 @pytest.mark.slow

@@ -366,7 +366,7 @@ EXTRAS = {
     "onnxruntime": "onnx",
     "flint": "proof",
     "imageio_ffmpeg": "video",
-    "moviepy": "video",
+    "moviepy": "record",
     "cyclonedds": "robot",
     "zenoh": "robot",
     "mcap": "robot",

@@ -28,7 +28,7 @@ from rans.cli import main
 from rans.evaluation.fly import choice
 sys.stdout = sys.stderr
 rans.base.processes.processors = lambda: 1  # others take seconds to start
-choice.chosen = lambda *_: choice.Choice(0.4, 0.2, 32, 32, 6.0, 17.0)  # flights that choose take seconds
+choice.chosen = lambda *_, **__: choice.Choice(0.4, 0.2, 32, 32, 6.0, 17.0)  # flights that choose take seconds
 webbrowser.open = lambda *_, **__: True
 for line in sys.argv[2:]:
     print("$", line, flush=True)

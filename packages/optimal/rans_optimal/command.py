@@ -166,7 +166,8 @@ class Optimal(Options):
         lost = sum(not answer.good for answer in answers)
         page = "optimal.html, " if flights else ""
         Terminal().say(
-            f"{len(answers) - lost} of {len(answers)} solved and flown in Drake. Written to {folder}: {page}"
+            f"{len(answers) - lost} of {len(answers)} solved{' and flown in Drake' if page else ''}. Written to "
+            f"{folder}: {page}"
             "optimal.json and optimal.csv."
         )
         # With a time of its own the objective may be too short for weak thrusters. Least time finds its own.

@@ -103,7 +103,7 @@ class OptimalTrajectory(Optimum, ControlHistory):
     def replay(self) -> Flight:
         """The flight in Drake; `ConfigError` where there is no trajectory."""
         if self.flight is None:
-            raise ConfigError(f"there is no trajectory to fly: {self.sentence}.")
+            raise ConfigError(f"there is no flight in Drake: {self.sentence}.")
         return self.flight
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,8 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from rans import RansWarning
 from rans.extend import (
     QUANTITIES,
+    ConfigError,
     Flight,
     Heading,
     Progress,
@@ -24,6 +27,7 @@ from rans.extend import (
     environment,
     leaves,
     map_leaves,
+    require,
     to_toml,
     unseen,
     write_json,
@@ -61,7 +65,7 @@ class Optimum:
     errors: dict[str, float] = field(default_factory=dict)
     """The task's errors at the trajectory's end in Drake, SI units."""
     flight: Flight | None = None
-    """Flight in Drake; see `episode`."""
+    """Flight in Drake; see `episode`. None: there is no trajectory, or Drake is not installed."""
 
     def __repr__(self) -> str:
         path = self.trajectory
@@ -71,8 +75,9 @@ class Optimum:
 
     @property
     def good(self) -> bool:
-        """Whether there is a trajectory, and the flight in Drake follows it."""
-        return bool(self.trajectory.solved and self.replay_error <= REPLAY_BOUND)
+        """Whether there is a trajectory, and the flight in Drake, if there is one, follows it."""
+        flies = self.flight is None or self.replay_error <= REPLAY_BOUND
+        return bool(self.trajectory.solved and flies)
 
     @property
     def sentence(self) -> str:
@@ -82,6 +87,8 @@ class Optimum:
             return _SENTENCES.get(status, f"the solver stopped: {status.replace('_', ' ').lower()}")
         if status == START_IS_GOAL:
             return "0 s: the start is the goal"
+        if self.flight is None:
+            return "solved, not flown"
         return "solved" if self.good else "solved, but Drake flies elsewhere"
 
     def to_json(self) -> dict[str, Any]:
@@ -120,6 +127,8 @@ def optima(
 ) -> list[Optimum]:
     """Optimise from every start and fly the trajectories in Drake; there is an answer for every start.
 
+    Without Drake nothing is flown, which a warning says before the work.
+
     Args:
         craft: spacecraft.
         task: task.
@@ -130,12 +139,18 @@ def optima(
         progress: reports solved problems.
         timing: length of flights, see `episode`; by default that of their trajectories.
     """
+    try:
+        require("pydrake")
+        flies = True
+    except ConfigError as reason:
+        flies = False
+        warnings.warn(f"trajectories are not flown in Drake: {reason}", RansWarning, stacklevel=2)
     if guesses is None:
         guesses = usual_guesses(craft, task, objective)
     trajectories = solve_all(craft, task, objective, starts, workers, progress, guesses)
     return [
         _judged(k, trajectory, episode(craft, task, timing, scenario, trajectory))
-        if trajectory.solved
+        if trajectory.solved and flies
         else Optimum(k, trajectory)
         for k, (trajectory, scenario) in enumerate(zip(trajectories, each(starts), strict=True))
     ]
