@@ -8,12 +8,17 @@ from types import ModuleType
 
 import pytest
 
+from rans.base.files import package_version
 from rans.base.table import Table
 from rans.show.pages.notebook import html_of
 from rans.show.pages.page import Page, Section
 
 NOTEBOOK = Path(__file__).parents[1] / "examples" / "notebook" / "first_agent.ipynb"
 TRAINED = 'rans.train("go-to-pose", output="first")'
+
+
+def test_its_wheel_is_the_one_that_is_built():
+    assert f"/rans-{package_version('rans')}-py3" in NOTEBOOK.read_text("utf-8")
 
 
 @pytest.mark.slow

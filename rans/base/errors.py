@@ -391,7 +391,7 @@ def installing(extra: str) -> str:
         extra: name in ``pyproject.toml``, a value of `EXTRAS`.
     """
     if extra == "agents":
-        return installing_folder("agents", "the wheel rans_agents, which lies beside that of rans")
+        return installing_folder("agents", "rans_agents-*.whl")
     if (CHECKOUT / "pyproject.toml").is_file():
         return shlex.join(["pip", "install", "-e", f"{CHECKOUT}[{extra}]"])
     own = re.compile(rf"""(?:\band )?\bextra == ["']{extra}["']""")

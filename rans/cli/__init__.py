@@ -47,6 +47,19 @@ _ABOUT = """Train agents that fly thruster-driven spacecraft, check them in Drak
 optimal control. `rans COMMAND --help` explains a command, `rans --version` prints the version."""
 
 
+_MEANT = {
+    "check": "validate for a spacecraft, or dossier for an agent",
+    "verify": "validate for a spacecraft, prove or dossier for an agent",
+    "film": "view RUN --save film.mp4",
+    "play": "view RUN --play",
+    "plot": "report RUN",
+    "show": "list NAME, or view RUN",
+    "simulate": "evaluate RUN, or view RUN",
+    "sweep": "train in a loop, docs/many_gpus.md",
+}
+"""Words of other programs, and what does the same here."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Run one command and return its exit code: 0 for success, 1 if a check or a run failed.
 
@@ -239,9 +252,10 @@ def _parse(arguments: list[str]) -> Any:
             commands, args=arguments, prog="rans", description=_ABOUT, registry=registry()
         )
     if name not in COMMANDS:
+        word = name.removeprefix("--")
+        near = f" (did you mean {_MEANT[word]}?)" if word in _MEANT else meant(word, COMMANDS)
         raise ConfigError(
-            f"there is no command {brief(name)}{meant(name.removeprefix('--'), COMMANDS)}; commands are "
-            f"{', '.join(COMMANDS)}."
+            f"there is no command {brief(name)}{near}; commands are {', '.join(COMMANDS)}."
         )
     command = COMMANDS[name]
     asks_help = not {"-h", "--help"}.isdisjoint(words)

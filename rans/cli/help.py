@@ -8,7 +8,7 @@ import shutil
 import textwrap
 from collections.abc import Mapping
 
-from rans.cli.commands import BUILT_IN, Command
+from rans.cli.commands import Command
 from rans.cli.options import EVERYWHERE
 
 START = {
@@ -20,20 +20,18 @@ START = {
 
 
 def overview(about: str, commands: Mapping[str, type[Command]]) -> str:
-    """Text of ``rans`` without arguments: usage, summaries of the core's commands, and names of the others."""
+    """Text of ``rans`` without arguments: usage, and a line for every command in its group."""
     width = shutil.get_terminal_size().columns
     lines = ["usage: rans COMMAND [OPTIONS]", "", *_filled(about, width), "", "Start here:"]
     for command, gives in START.items():
         whole = f"  {command:<45} # {gives}"
         lines.append(whole if len(whole) <= width else f"  {command}")
-    for title in dict.fromkeys(commands[name].group for name in BUILT_IN):
+    for title in dict.fromkeys(command.group for command in commands.values()):
         lines += ["", f"{title}:"]
-        for name in BUILT_IN:
-            if commands[name].group == title:
+        for name, command in commands.items():
+            if command.group == title:
                 first = f"  {name:<11}"
-                lines += _filled(f"{first}{_summary(commands[name])}", width, " " * len(first))
-    if others := ", ".join(name for name in commands if name not in BUILT_IN):
-        lines += ["", "Of packages:", *_filled(f"  {others}.", width, "  ")]
+                lines += _filled(f"{first}{_summary(command)}", width, " " * len(first))
     lines += ["", *_everywhere(width)]
     return "\n".join(lines)
 

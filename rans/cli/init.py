@@ -86,7 +86,7 @@ class Init(Options):
         flights = [
             f"rans compare {file}",
             f"rans view {agent}@{file}",
-            f"rans validate {file} --quick",
+            *([f"rans validate {file} --quick"] if is_installed("pydrake") else []),
         ]
         worth = [*flights, *training(craft, str(self.file))] if steerable else []
         console.suggest(*worth, f"rans list {file}")

@@ -192,15 +192,18 @@ class Train(Options):
             console.say(f"Open {page} in a browser to see it fly.")
         if not stop.requested or trainer.ended:
             untrained = _without_training(trainer)
+            rival = ""
             if untrained:
-                console.say(_verdict(trainer, untrained))
-            console.suggest(*self._next(trainer, untrained))
+                said, rival = _verdict(trainer, untrained)
+                console.say(said)
+            console.suggest(*self._next(trainer, untrained, rival))
         return stop.code
 
-    def _next(self, trainer: Trainer, untrained: str = "") -> list[str]:
+    def _next(self, trainer: Trainer, untrained: str = "", rival: str = "") -> list[str]:
         """Commands to run next, with the options that this run needs too (`tests/cli/test_printed.py`).
 
         A comparison has the agent for any craft too, if one is named that flies this task and craft ``untrained``.
+        A ``rival`` beside which nothing was gained is evaluated first.
         """
         from rans.fast.learn.learners import LEARNERS
 
@@ -211,7 +214,7 @@ class Train(Options):
         learner = LEARNERS[config.algorithm].contestants(config, trainer.run.path)
         rivals = [*_judged(trainer), *learner, *filter(None, [untrained])]
         commands = [
-            shlex.join(["rans", "evaluate", path, *same]),
+            shlex.join(["rans", "evaluate", rival or path, *same]),
             shlex.join(["rans", "compare", *rivals, *same]),
         ]
         is_quick = self.quality in (None, "quick") and trainer.config.solved_share is not None
@@ -241,16 +244,33 @@ def _without_training(trainer: Trainer) -> str:
     return without_training([name], contest_of(name, 1))
 
 
-def _verdict(trainer: Trainer, untrained: str) -> str:
-    """What to take of the agent and the one ``untrained``, by flights of both from the same starts."""
-    from rans.evaluation.fly.choice import FLIGHTS
-    from rans.show.tables.comparison_tables import verdict
+_CHEAPER = 0.5
+"""Value of the agent for any craft that flies beside the one that its flights choose: most trainings cost more time
+or thrust than one of both."""
 
+
+def _verdict(trainer: Trainer, untrained: str) -> tuple[str, str]:
+    """What to take of the agent and the one ``untrained`` at two values, by flights from the same starts.
+
+    Then the contestant beside which nothing was gained, "" where the agent is worth its training.
+    """
+    from rans.evaluation.fly.choice import FLIGHTS
+    from rans.evaluation.fly.contestant_name import ContestantName
+    from rans.show.tables.comparison_tables import recommended, verdict
+
+    own = _judged(trainer)
     starts = FLIGHTS[trainer.engine.craft.dimension]
-    comparison = compare(*_judged(trainer), untrained, beside=(), episodes=starts)
-    agent = untrained.partition("@")[0]
+    name = ContestantName.parse(untrained)
+    rivals = [untrained, name.at(_CHEAPER).text]
+    comparison = compare(*own, *rivals, beside=(), episodes=starts)
+    agent = name.name
+    taken = recommended(comparison)
+    is_gained = not taken.startswith(f"{agent}#")
     said = f"Beside {agent}, which needs no training, from {starts} starts:"
-    return " ".join([said, *verdict(comparison), *comparison.failures])
+    if not is_gained:
+        said = f"Nothing was gained by this training. {said}"
+    text = " ".join([said, *verdict(comparison), *comparison.failures])
+    return text, "" if is_gained else f"{taken}@{name.craft}"
 
 
 def _judged(trainer: Trainer) -> list[str]:

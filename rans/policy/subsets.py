@@ -17,8 +17,6 @@ _FEW = 1 / 3
 _ENOUGH_OPEN = {2: math.inf, 3: 4}
 """Open thrusters up to which all subsets are enough, by number of directions: the agent for any craft in space was
 trained with four of up to 16, and spends a tenth more thrust with others."""
-_IN_PAIRS = 32
-"""Thrusters up to which the search for a demand's best subset moves two valves at once."""
 _EQUAL = 1e-6
 """Difference of twists, in units of the authority, up to which two subsets do the same."""
 _TRIED_AT = 0.1
@@ -127,15 +125,14 @@ def _demands(number: int, columns: np.ndarray) -> np.ndarray:
 
 
 def _best_subsets(demands: np.ndarray, columns: np.ndarray, shared: bool) -> np.ndarray:
-    """(M, n) A subset for each demand (M, d), by moves of one valve or two that lower its cost most.
+    """(M, n) A subset for each demand (M, d), by moving the valve that lowers its cost most until none does.
 
-    The cost is that of `subsets`. Moves that are equal but for rounding are taken in the order of the valves, so
-    that every machine finds the same.
+    The cost is that of `subsets`. Of valves that are equal but for rounding the first is moved, so that every
+    machine finds the same.
     """
     count = len(columns)
     force = np.linalg.norm(columns[:, : (columns.shape[1] + 1) // 2], axis=1)
     gram, asked = columns @ columns.T, demands @ columns.T
-    squares, others = np.diag(gram), 1.0 - np.eye(count)
     opened = np.zeros((len(demands), count), dtype=int)
     cost = np.zeros(len(demands))
     rows = np.arange(len(demands))
@@ -143,28 +140,21 @@ def _best_subsets(demands: np.ndarray, columns: np.ndarray, shared: bool) -> np.
         chosen = opened[rows]
         sign = 1 - 2 * chosen
         sums = chosen @ gram
-        # Squared twist, its product with the demand, thrust and number of open valves: now, and what a move adds.
+        # Squared twist, its product with the demand, thrust and number of open valves: now, and what a valve adds.
         now = (
             (sums * chosen).sum(axis=1),
             (asked[rows] * chosen).sum(axis=1),
             chosen @ force,
             chosen.sum(axis=1),
         )
-        added = (2.0 * sign * sums + squares, sign * asked[rows], sign * force, sign)
-        if count <= _IN_PAIRS:  # of two valves, and on the diagonal of one
-            both = [x[:, :, None] + others * x[:, None, :] for x in added]
-            both[0] += 2.0 * others * gram * sign[:, :, None] * sign[:, None, :]
-            added = tuple(x.reshape(len(rows), -1) for x in both)
+        added = (2.0 * sign * sums + np.diag(gram), sign * asked[rows], sign * force, sign)
         square, product, thrust, number = (x[:, None] + y for x, y in zip(now, added, strict=True))
         share = 1.0 / np.maximum(number, 1) if shared else 1.0
         costs = share * (share * square - 2.0 * product + _TRIED_AT * thrust)
         least = costs.min(axis=1)
         better = least < cost[rows] - _EQUAL
-        move = np.argmax(costs <= least[:, None] + _EQUAL, axis=1)[better]
+        first = np.argmax(costs <= least[:, None] + _EQUAL, axis=1)[better]
         rows = rows[better]
         cost[rows] = least[better]
-        first, second = np.divmod(move, count) if count <= _IN_PAIRS else (move, move)
         opened[rows, first] ^= 1
-        two = first != second
-        opened[rows[two], second[two]] ^= 1
     return opened

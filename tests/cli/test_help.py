@@ -13,8 +13,16 @@ from tests.support.command_codes import code_of
 def test_nothing_typed_shows_the_help(capsys):
     assert code_of([]) == 0
     printed = capsys.readouterr().out
-    assert all(command in printed for command in COMMANDS)
-    assert sum(f"\n  {command} " in printed for command in COMMANDS) <= 15
+    assert all(f"\n  {command} " in printed for command in COMMANDS)
+    titles = [line for line in printed.splitlines() if line.endswith(":")]
+    assert len({*titles}) == len(titles) <= 10
+
+
+@pytest.mark.parametrize("word", cli._MEANT)
+def test_words_of_other_programs_lead_to_commands(word, ran):
+    said = ran(word, code=2)
+    assert f"did you mean {cli._MEANT[word]}?" in said
+    assert cli._MEANT[word].split()[0] in COMMANDS
 
 
 @pytest.mark.parametrize("columns", ["1", "3", "5"])

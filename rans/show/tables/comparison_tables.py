@@ -234,6 +234,12 @@ def dominations(comparison: Comparison) -> list[tuple[str, str]]:
     return [pair for pair, sign in signs if sign == (-1, -1) and pair[0] in reliable]
 
 
+def recommended(comparison: Comparison) -> str:
+    """Name of the contestant that `verdict` says to take; "" if there is none."""
+    first = next(iter(verdict(comparison)), "")
+    return next((one.name for one in comparison.entries if f"Take {_figures(one)}" in first), "")
+
+
 def verdict(comparison: Comparison) -> list[str]:
     """What to take, in at most three sentences, by time, impulse and lost flights; none with one contestant.
 
