@@ -28,8 +28,6 @@ from rans_robot.velocity import VelocityFilter
 
 if TYPE_CHECKING:
     from rans_robot.bus import Bus
-    from rans_robot.interfaces import Interface, Message
-    from rans_robot.pilot import Plan
 
 
 class Rule(NamedTuple):
@@ -525,8 +523,8 @@ class Monitor:
     Args:
         craft: the agent's spacecraft.
         contract: of the agent (`rans.extend.read_contract`).
-        interface: of the robot.
-        plan: the flight.
+        interface: of the robot (`rans_robot.interfaces.Interface`).
+        plan: the flight (`rans_robot.pilot.Plan`).
         link: bus and domain over which messages come, as sentences name them; "" leaves them out.
     """
 
@@ -534,8 +532,8 @@ class Monitor:
         self,
         craft: Spacecraft,
         contract: Mapping[str, Any],
-        interface: Interface,
-        plan: Plan,
+        interface: Any,
+        plan: Any,
         link: str = "",
     ) -> None:
         self._plan = plan
@@ -866,7 +864,7 @@ class Valves:
     """
 
     def __init__(
-        self, bus: Bus, period: float, shut: list[Message], stopped: Callable[[], bool]
+        self, bus: Bus, period: float, shut: list[Any], stopped: Callable[[], bool]
     ) -> None:
         self._bus = bus
         self._share = round(RULES["time"].limits[0] * period * 1e9)
@@ -887,7 +885,7 @@ class Valves:
             self._passes = True
             self._due = due
 
-    def send(self, messages: list[Message]) -> bool:
+    def send(self, messages: list[Any]) -> bool:
         """Send a command, unless it comes too late or after the end."""
         with self._lock:
             self._judge()
