@@ -94,6 +94,10 @@ def read_csv(file: Path, most: int = LARGEST_TEXT, what: str = "") -> CsvFile:
     for name, character in (("semicolons", ";"), ("tabs", "\t")):
         if len(first) == 1 and character in first[0]:
             raise ConfigError(f"{named} has {name} between its columns: write commas.")
+    if first[0].startswith("#") or first[0].lower().startswith("sep="):
+        raise ConfigError(
+            f"the first line of {named} must name its columns, got {brief(first[0])}: delete that line, or its #."
+        )
     for line, row in further:
         if len(row) != len(first):
             raise ConfigError(

@@ -493,7 +493,7 @@ def read_text(file: Path, most: int = LARGEST_TEXT, what: str = "") -> str:
         text = content.decode("utf-8-sig")  # editors of Windows begin a file with a byte order mark
     except UnicodeError as error:
         raise ConfigError(
-            f"{what}{file} is damaged or in another encoding, it is not a text in UTF-8: {error}."
+            f"{what}{file} is damaged or in another encoding, it is not a text in UTF-8: {error}. Save it as UTF-8."
         ) from error
     return text.replace("\r\n", "\n").replace("\r", "\n")  # as `open` does in text mode
 

@@ -74,6 +74,10 @@ def _slip(text: str, error: str) -> str:
     line = text.split("\n")[int(place[1]) - 1] if place else ""
     if "Cannot overwrite" in error and (key := re.match(r"\s*([\w-]+)\s*=", line)):
         return f": the key {brief(key[1])} is there twice"
+    if declared := re.search(r"Cannot declare \('(\w+)',\) twice", error):
+        return f": of several write [[{declared[1]}]] each time"
+    if word := re.match(r"\s*([\w-]+)\s*=\s*([A-Za-z][^\[\]{}\"']*?)\s*(#|$)", line):
+        return f': texts stand in double quotes, as in {word[1]} = "{word[2]}"'
     if number := re.search(r"=\s*[-+]?(\d{1,15}),(\d{1,15})", line):
         return f": use a point, as in {brief(float(f'{number[1]}.{number[2]}'))}"
     if foreign := re.search("[^\x00-\x7f]", re.sub(_STRINGS, "", line)):

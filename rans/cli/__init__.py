@@ -43,6 +43,12 @@ _NARROWEST = 20
 """Columns that help has at least: the layout of options has no end in less than six."""
 _LONGEST = 5000
 """Characters of a sentence; ours leave out what would make them longer."""
+_ELSEWHERE = {
+    "--lr": "--set learning_rate=1e-3",
+    "--algo": "--set algorithm=ppo",
+    "--gpu": "--device cuda",
+}
+"""Options of other trainers, and what is typed for them here."""
 _ABOUT = """Train agents that fly thruster-driven spacecraft, check them in Drake, and compare them with
 optimal control. `rans COMMAND --help` explains a command, `rans --version` prints the version."""
 
@@ -283,8 +289,10 @@ def _parse(arguments: list[str]) -> Any:
             option = next((word for word in reversed(before) if word.startswith("-")), name)
             raise ConfigError(
                 f"there is no place for {brief(further[0])}: {option} takes no further value in one command "
-                f"(rans {name} --help)."
+                f"(rans {name} --help). A name with spaces stands in quotes."
             )
+        if further and further[0] in _ELSEWHERE and appended:
+            raise ConfigError(f"{further[0]} is here {_ELSEWHERE[further[0]]}.")
         return parse() if further else parsed
     finally:
         if asks_help:

@@ -17,6 +17,8 @@ radius or more, and of 0.62 to 0.8 of their farthest nozzle."""
 _LIGHTEST = 0.01
 """kg/m^3 of a ball through the outermost thruster. Solar sails have about 0.1 (IKAROS: 310 kg, 7 m to a tip), the
 space station 0.6; a file in mm has a billionth of what is meant, one in cm a millionth."""
+_HEAVIEST = 22_600.0
+"""kg/m^3 of a ball of the radius: osmium's, the densest matter."""
 _STRONGEST = 30.0, 100.0
 """Accelerations, m/s^2 and rad/s^2, beyond which thrusters are too strong: of real craft they reach 8.7 (a Mars
 lander), and 8 in the training of the agents for any craft."""
@@ -120,6 +122,12 @@ def misfits(craft: Spacecraft) -> list[str]:
         result.append(
             f"a thruster is {arm:.3g} m from the centre of a mass of {craft.mass:g} kg, farther than on any solar "
             "sail: the usual cause are positions in mm or cm, or a mass in t"
+        )
+    density = craft.mass / (4.0 / 3.0 * math.pi * radius**3)
+    if not result and density > _HEAVIEST:
+        result.append(
+            f"with {craft.mass:g} kg in a radius of {radius:g} m it is denser than osmium, {density:.3g} kg/m^3: "
+            "the usual cause is a mass in g, or a radius in other units"
         )
     push = 4.0 / seconds_for_a_metre(craft) ** 2
     turn = 4.0 * math.pi / seconds_for_half_a_turn(craft) ** 2

@@ -82,7 +82,7 @@ _UNREAD = {
     ".xacro": "xacro is a macro language; `xacro {name} > {stem}` writes the URDF that `rans init` reads",
     **dict.fromkeys(
         (".sdf", ".usd", ".usda", ".usdc", ".yaml", ".yml", ".json"),
-        "it is not read; `rans init {stem}.toml` writes a file for the numbers of a spacecraft",
+        "it is not read, and URDF is; `rans init {stem}.toml` writes a file for the numbers of a spacecraft",
     ),
 }
 """What to write for files of other software that no package reads, by their suffixes."""

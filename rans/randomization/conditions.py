@@ -207,7 +207,9 @@ class Conditions(NamedArguments, Settings):
                 value = attrgetter(name)(self)
                 _require(holds(value), name, value, bound)
         name = "thrusters.latency and command_delay"
-        _require(self.delay <= 30.0, name, self.delay, "together at most 30 s")
+        _require(
+            self.delay <= 30.0, name, self.delay, "together at most 30 s, as a time in ms is not"
+        )
         _check_faults(self.faults)
 
     def met(self, chance: Field) -> Conditions:

@@ -13,7 +13,7 @@ from rans.model.spacecraft import Spacecraft
 from rans.randomization.conditions import Conditions, largest
 
 _EDGES: tuple[tuple[str, float, str, str], ...] = (
-    ("body.mass", 20.0, "times the designed one", "a factor in percent, or a mass in kg"),
+    ("body.mass", 5.0, "times the designed one", "a factor in percent, or a mass in kg"),
     (
         "body.inertia",
         20.0,

@@ -22,6 +22,9 @@ PORTS = range(7000, 7100)
 class _Handler(BaseHTTPRequestHandler):
     """Handler of requests that name this computer, as other names may lead to it from a page of a stranger."""
 
+    timeout = 10.0
+    """s after which a connection that asks nothing is closed, with its thread."""
+
     def __init__(self, page: bytes, *arguments: Any) -> None:
         self._page = page
         super().__init__(*arguments)

@@ -49,8 +49,23 @@ READERS: dict[str, tuple[Callable[[Path], object], list[str], list[str]]] = {
         (lambda head, row: (head, ["one", *row[1:]]), "number"),
         (lambda *rows: [[";".join(one)] for one in rows], "write commas"),
         (lambda *rows: [["\t".join(one)] for one in rows], "write commas"),
+        (
+            lambda *rows: [["sep=", ""], *rows],
+            "the first line of .* must name its columns, got 'sep='",
+        ),
+        (lambda *rows: [["# of a robot"], *rows], "the first line of .* must name its columns"),
     ],
-    ids=["decimal comma", "short row", "doubled column", "endless cell", "word", ";", "tabs"],
+    ids=[
+        "decimal comma",
+        "short row",
+        "doubled column",
+        "endless cell",
+        "word",
+        ";",
+        "tabs",
+        "sep",
+        "#",
+    ],
 )
 def test_every_reader_refuses(name, damage, sentence, tmp_path):
     read, head, row = READERS[name]

@@ -23,6 +23,14 @@ from tests.support.engines import PLATFORM
         ({"inertia": ((2e3, 0.0, 0.0), (0.0, 2e3, 0.0), (0.0, 0.0, 2e3)), "radius": 30.0}, 1),
         ({"centre_of_mass": (0.35, 0.0, 0.0)}, 1),
         ({"mass": 1000.0 * PLATFORM.mass}, 1),
+        # All in grams, with the inertia that belongs to it.
+        (
+            {
+                "mass": 1000.0 * PLATFORM.mass,
+                "inertia": tuple(tuple(1000.0 * x for x in row) for row in PLATFORM.inertia),
+            },
+            1,
+        ),
         # Forces in mN: 532 m/s^2.
         ({"thrusters": tuple(replace(t, force=1000.0) for t in PLATFORM.thrusters)}, 1),
     ],

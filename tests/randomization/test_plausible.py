@@ -43,6 +43,7 @@ HARDLY_MEANT = {
     "force of 250 mN": Conditions(disturbances=DisturbanceConditions(force=250.0)),
     "torque of 1e6": Conditions(disturbances=DisturbanceConditions(torque=1e6)),
     "mass in percent": Conditions(body=BodyConditions(mass=(75.0, 125.0))),
+    "mass of 11.9 kg": Conditions(body=BodyConditions(mass=11.9)),
     "latency of 30 ms": Conditions(thrusters=ThrusterConditions(latency=30.0)),
     "kick of 500 mN s": Conditions(disturbances=DisturbanceConditions(kick=500.0)),
     "delay of 200 ms": sensed(delay=200.0),

@@ -34,6 +34,8 @@ may be below zero: files have moments with two or three digits."""
 _COMMENT = re.compile(r"(<!\[CDATA\[.*?\]\]>)|<!--.*?-->", re.DOTALL)
 """A comment of XML, or text that may hold the beginning of one."""
 _PLUGIN = "SpacecraftThrusterModel"
+_MOST_RADIANS = 6.3
+"""Largest angle of an origin: a turn, rounded up as people type it."""
 _MOST_LINKS = 10_000
 _LARGEST = 2**24
 """Bytes: descriptions have some ten thousand, their meshes lie in other files."""
@@ -104,6 +106,13 @@ def _forces(
     others: list[str] = []
     for plugin in plugins:
         if _PLUGIN not in plugin.get("name", "") + plugin.get("filename", ""):
+            if (joint := plugin.findtext("joint_name")) and _NOZZLE.search(
+                plugin.get("name", "") + plugin.get("filename", "")
+            ):
+                raise ConfigError(
+                    f"a plugin Thruster pushes along the axis of the joint {brief(joint)}, and forces are read of "
+                    f"{_PLUGIN} alone, along z of its link: name the link in one of these."
+                )
             others.append(plugin.get("name") or plugin.get("filename") or "a plugin")
             continue
         # Gazebo's code reads snake_case, its page has camelCase.
@@ -296,6 +305,10 @@ def _origin(element: ET.Element) -> np.ndarray:
     if origin is not None:
         what = f"an origin in {brief(element.get('name') or element.tag)}"
         angles = _numbers(origin.get("rpy", "0 0 0"), 3, f"rpy of {what}")
+        if (abs(angles) > _MOST_RADIANS).any():
+            raise ConfigError(
+                f"rpy of {what} must be in rad, at most a turn, got {brief(origin.get('rpy'))}: degrees?"
+            )
         pose[:3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
         pose[:3, 3] = _numbers(origin.get("xyz", "0 0 0"), 3, f"xyz of {what}")
     return pose

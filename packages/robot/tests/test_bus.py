@@ -28,7 +28,11 @@ def test_the_bus_is_that_of_the_robots_environment(monkeypatch):
     open_bus("zenoh:listen/tcp/0.0.0.0:7447")
     open_bus("dds")
     assert opened == [(7, "listen/tcp/0.0.0.0:7447", "humble"), (7,)]
-    monkeypatch.setenv("ROS_DISTRO", "noetic")
+    for name in ("lyrical", "rolling"):  # what comes after Kilted speaks as Rolling does
+        monkeypatch.setenv("ROS_DISTRO", name)
+        open_bus("zenoh")
+        assert opened[-1][2] == "rolling"
+    monkeypatch.setenv("ROS_DISTRO", "foxy")
     open_bus("udp")  # no distribution matters here
     with pytest.raises(ConfigError, match="ROS_DISTRO must be one of humble"):
         open_bus("zenoh")

@@ -341,6 +341,7 @@ class ContestantName:
         """
         from rans.evaluation.fly.choice import ENOUGH, NARROW, likely_cause
         from rans.policy.timing import flies_to_a_pose
+        from rans.randomization.plausible import implausible
 
         if percent >= 100.0 * ENOUGH:
             return ""
@@ -354,9 +355,13 @@ class ContestantName:
         said = ""
         again = ["rans", "view", self.text, *(word for word in options if word == "--guard")]
         better = None
-        if is_to_a_pose and not self.asked and (is_free or under):
+        doubts = [] if run.conditions is None else implausible(run.conditions, run.craft)
+        if not doubts and is_to_a_pose and not self.asked and (is_free or under):
             better = _better(run, craft, percent)
-        if better:
+        if doubts:
+            said = f"The likely cause: {doubts[0]}."
+            again = ["rans", "list", str(conditions or "CONDITIONS")]
+        elif better:
             name, said = better
             again = ["rans", "evaluate", name, *under, *options]
         elif self._is_narrow:

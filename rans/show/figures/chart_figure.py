@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 _COLOURS = {"var(--ink)": INK, "var(--soft)": GREY}
 """Colours of pages that follow the reader's choice of light or dark, on paper."""
-_PAPER: dict[Any, Any] = {"pdf.fonttype": 42, "text.parse_math": False, "lines.markersize": 6}
-"""TrueType, which publishers ask for in place of Matplotlib's Type 3; names with a $ are no mathematics."""
+_PAPER: dict[Any, Any] = {"pdf.fonttype": 42, "lines.markersize": 6}
+"""TrueType, which publishers ask for in place of Matplotlib's Type 3."""
 _COLUMNS = 3
 """Most charts beside each other."""
 _MARKERS = {"ring": "o", "": ""} | {one: one for one in "osD^vx_P."}

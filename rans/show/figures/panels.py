@@ -52,6 +52,7 @@ STYLE: dict[Any, Any] = {
     "axes.titlecolor": INK,
     "font.size": 9,
     "text.color": INK,
+    "text.parse_math": False,  # names with a $ are no mathematics
     **{f"axes3d.{axis}axis.panecolor": (0.5, 0.5, 0.5, 0.07) for axis in "xyz"},
     "grid.color": LINES,
     "grid.linewidth": 0.7,
