@@ -32,3 +32,10 @@ def test_a_taken_port_is_a_sentence():
         port = taken.getsockname()[1]
         with pytest.raises(ConfigError, match=f"port {port} of this computer, it is taken"):
             Served(lambda: "", [port])
+
+
+def test_who_asks_nothing_does_not_keep_a_thread(monkeypatch):
+    monkeypatch.setattr("rans.show.window._Handler.timeout", 0.05)
+    url = Served(lambda: "", PORTS).url
+    with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE) as idle:
+        assert idle.recv(1) == b""  # the server closes it

@@ -20,9 +20,7 @@ HOSTILE = (
     "<img src=hostile onerror=\"new Image().src='/ran?'+document.title\"><!--<script>\u2028`${hostile()}`"
 )
 """Ends strings, attributes and elements, and then runs; it tells a server at /ran that it has run."""
-HOSTILE_NAME = (
-    "'\"></title></script><img src=hostile onerror=\"new Image().src='/ran?'+document.title\"><!--"
-)
+HOSTILE_NAME = "'\"></title></script><img src=hostile onerror=\"new Image().src='/ran?'+document.title\"><!--$x^$"
 """The same in what may be the name of a spacecraft."""
 _RUNS = "<img src=hostile onerror=\"new Image().src='/ran?control'\">"
 

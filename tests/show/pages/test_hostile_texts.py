@@ -168,6 +168,8 @@ def made(tmp_path_factory) -> dict[str, str]:
 def test_every_kind_of_page_is_text(made):
     assert "onerror" in made["playground"]
     assert {name: live(html) for name, html in made.items() if live(html)} == {}
+    heads = [html.partition("<script")[0] for html in made.values() if "<html" in html]
+    assert all("Content-Security-Policy" in head for head in heads)  # no request leaves a page
 
 
 @pytest.mark.slow
