@@ -22,21 +22,25 @@ UNTIL = 12
 pytestmark = pytest.mark.filterwarnings("ignore:.* spins .* accurate up to:UserWarning")
 
 
-@pytest.fixture(scope="module", params=shipped_agents("any-craft-2d", "any-craft-3d"))
-def shipped(request) -> tuple[str, np.ndarray, Flight]:
-    """An agent, its recorded commands and its flights for as long as these are compared.
+def flights(name: str, most: int | None) -> tuple[np.ndarray, Flight]:
+    """An agent's recorded commands and its flights for as long as these are compared, at most so many periods.
 
     Flights with duty cycles amplify the last bits of another processor: they departed after 15 periods or later.
     """
-    name = request.param
     before = recorded(name)
     bits = np.isin(before, (0.0, 1.0)).all()
-    before = before[: CUT.get(name) if bits else UNTIL]
-    return name, before, flown(name, len(before))
+    before = before[: most or (CUT.get(name) if bits else UNTIL)]
+    return before, flown(name, len(before))
 
 
-def test_a_shipped_agent_gives_the_recorded_commands(shipped):
-    _, before, flight = shipped
+@pytest.fixture(scope="module", params=shipped_agents())
+def shipped(request) -> tuple[str, np.ndarray, Flight]:
+    """An agent with its whole flights."""
+    return request.param, *flights(request.param, None)
+
+
+def compare(before: np.ndarray, flight: Flight) -> None:
+    """Commands are the recorded ones."""
     count = before.shape[1]
     now = flight.commands[:, :count]
     assert now.shape == before.shape
@@ -44,6 +48,16 @@ def test_a_shipped_agent_gives_the_recorded_commands(shipped):
     tolerance = 1e-3 if len(before) == UNTIL else 0.0
     departed = np.abs(now - before).max(axis=(0, 2)) > tolerance
     assert not departed.any(), departed
+
+
+@pytest.mark.parametrize("name", pretrained_names())
+def test_every_shipped_agent_begins_as_recorded(name):
+    """Filters, memories, allocation and throttles are at work in the first periods."""
+    compare(*flights(name, UNTIL))
+
+
+def test_a_shipped_agent_gives_the_recorded_commands(shipped):
+    compare(*shipped[1:])
 
 
 @pytest.mark.slow

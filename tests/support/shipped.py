@@ -20,14 +20,14 @@ ONE_OF_EACH_KIND = {
 }
 
 
-def shipped_agents(*more: str) -> list[Any]:
-    """Names of all shipped agents, for ``parametrize`` or a fixture; these, too, are no slow tests."""
+def shipped_agents() -> list[Any]:
+    """Names of all shipped agents, for ``parametrize`` or a fixture."""
     names = pretrained_names()
     assert set(names) >= ONE_OF_EACH_KIND
     return [
         pytest.param(
             name,
-            marks=[] if name in {*ONE_OF_EACH_KIND, *more} else [pytest.mark.slow],
+            marks=[] if name in ONE_OF_EACH_KIND else [pytest.mark.slow],
         )
         for name in names
     ]
