@@ -9,9 +9,7 @@ from zlib import crc32
 import pytest
 
 from rans.base.errors import EXTRAS, installing
-from rans.cli import COMMANDS
 from tests.support.hidden_modules import ran
-from tests.support.small_networks import damping, written
 
 README = (
     "init own.toml --from floating-platform",
@@ -122,61 +120,3 @@ def test_a_comparison_writes_its_numbers_without_a_package(hidden, tmp_path):
     assert (installing("plots") in page.replace("&#39;", "'")) is (hidden == "matplotlib")
     assert refused == (2 if hidden == "casadi" else 0)
     assert ("starts of seed" in sentence) is (hidden != "casadi")
-
-
-EVERY = (
-    *README,
-    "list",
-    "list go-to-pose-2d",
-    "list dock",
-    "list lab",
-    "evaluate own.toml",
-    "view lqr:go-to-pose-2d@own.toml",
-    "optimal go-to-pose --spacecraft own.toml --episodes 1 --output optimum",
-    "export runs/my-agent --format c --output c",
-    "export go-to-pose-2d --format onnx --output onnx",
-    "export go-to-pose-2d --format numpy --output numpy",
-    "tune lqr:go-to-pose-2d@own.toml --seconds 1",
-    "stress go-to-pose-2d lqr --output stress",
-    "assure go-to-pose-2d --output assured",
-    "follow track-velocity-2d --episodes 1",
-    "faults own.toml",
-    "improve go-to-pose lqr --spacecraft floating-platform --episodes 1 --rounds 1 --output least.csv",
-    "prove network.onnx --problem problem.toml",
-    "validate own.toml",
-    "benchmark",
-    "twin own.toml --bus udp --seconds 0.2",
-    "team --deputies 1 --episodes 1",
-)
-"""Commands in an order in which each has what it needs."""
-PROBLEM = """
-name = "a speed that the network damps"
-period = 1.0
-steps = 1
-commands = 1
-derivative = ["u0"]
-start = {lower = [-0.1], upper = [0.1]}
-keep.every = ["4 - x0"]
-"""
-
-
-@pytest.mark.slow
-def test_commands_that_are_printed_to_run_next_run(tmp_path):
-    """With everything installed; those after a flight are run where a robot flies (packages/robot).
-
-    A dossier is checked by tests of its own: here one process runs all commands, so that files name another line.
-    """
-    assert {*COMMANDS} - {line.split()[0] for line in EVERY} == {
-        "dossier",
-        "fly",
-        "identify",
-        "replay",
-    }
-    written(damping(1, [0], seed=1), tmp_path / "network.onnx")
-    (tmp_path / "problem.toml").write_text(PROBLEM)
-    following = {}  # an ordered set
-    for line, code, text in ran([shortened(line) for line in EVERY], set(), tmp_path):
-        assert code == 0, f"{line}\n{text}"
-        following |= dict.fromkeys(printed_next(text))
-    for line, code, text in ran([*following], set(), tmp_path):
-        assert code == 0, f"{line}\n{text}"

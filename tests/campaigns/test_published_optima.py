@@ -33,17 +33,6 @@ def test_a_published_optimum_is_reached_slowly(name):
     _check(PROBLEMS[name])
 
 
-@pytest.mark.slow
-def test_the_eigenaxis_is_a_stationary_point_that_one_guess_does_not_leave():
-    """2 sqrt(pi J / tau), 9.3 % too long: with further guesses the output says that there are two optima."""
-    turn = PROBLEMS["turn of 180 degrees, equal moments of inertia"]
-    cost, path = turn.solved(1)
-    assert cost == pytest.approx(35.449, rel=1e-4)
-    assert (path.agreeing, path.attempts, path.optima) == (1, 1, 1)
-    _, path = turn.solved(4)
-    assert (path.agreeing, path.attempts, path.optima) == (3, 4, 2)
-
-
 def test_the_ascent_takes_as_long_as_the_literature_says():
     time, way = ascent()
     # Published: 272.7 s.

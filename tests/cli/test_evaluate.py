@@ -6,7 +6,6 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from rans.cli import main
@@ -77,22 +76,6 @@ def test_conditions_of_one_name_have_files_apart(run_folder, tmp_path, capsys):
     assert len(written) == 5
     assert {"evaluation.json", "evaluation-lab.json"} <= set(written)
     assert len(list(run_folder.glob("episodes*.npz"))) == 5
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("undrawn")
-def test_an_own_start_is_flown_once_and_has_files_of_its_own(run_folder):
-    command = f"evaluate {run_folder} --start 1 -0.5 90deg v.x=0.1"
-    assert main(f"{command} --full".split()) == 0
-    [file] = run_folder.glob("episodes-own-*.npz")
-    with np.load(file) as flown:
-        first = flown["states"][0]
-    np.testing.assert_allclose(first[0, :4], [1.0, -0.5, np.pi / 2.0, 0.1])
-    assert len(first) == 1
-    # Under conditions each episode differs, although all have one start.
-    assert main(f"{command} --conditions lab --episodes 3".split()) == 0
-    [named] = run_folder.glob("evaluation-lab-own-*.json")
-    assert json.loads(named.read_text())["conditions"]["start"] == "1 -0.5 90deg v.x=0.1"
 
 
 @pytest.mark.usefixtures("here", "undrawn")

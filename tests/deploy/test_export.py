@@ -23,7 +23,6 @@ from rans.evaluation.fly.contestants import contestant
 from rans.evaluation.measure.aggregate import measure
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.spacecraft_file import load_spacecraft, to_toml
-from tests.support.training import CONFIG, tiny_trainer
 
 
 @pytest.fixture(scope="module")
@@ -182,27 +181,6 @@ def test_files_in_forms_of_packages_are_another_agents_too(tmp_path):
     check_alone(tmp_path, "numpy", "of another")
     with pytest.raises(ConfigError, match=r"agent\.1\.px4"):
         check_alone(tmp_path, "numpy", "mine")
-
-
-@pytest.mark.slow
-def test_another_agents_files_are_not_mixed_with_its_own(run, tmp_path):
-    """The same agent's forms share a folder, and one form is written over; neither is a run written over."""
-    folder = tmp_path / "agents"
-    other = tmp_path / "other"
-    tiny_trainer(other, replace(CONFIG, seed=5)).train(lambda _: None)
-    write_export(run, folder, "numpy", episodes=4)
-    write_export(run, folder, "onnx", episodes=4)
-    before = {file: file.read_bytes() for file in (*folder.iterdir(), *other.glob("*.*"))}
-    with pytest.raises(
-        ConfigError, match=r"agents holds another agent's agent\.npz and agent\.py, to which"
-    ):
-        write_export(other, folder, "onnx", episodes=4)
-    with pytest.raises(ConfigError, match="other is the run folder of a training"):
-        write_export(run, other, episodes=4)
-    assert before == {file: file.read_bytes() for file in before}
-    (folder / "agent.onnx").unlink()
-    write_export(other, folder, "numpy", episodes=4)
-    assert (folder / "agent.npz").read_bytes() != before[folder / "agent.npz"]
 
 
 def test_a_policy_of_another_trainer_is_refused_with_what_to_do(tmp_path):

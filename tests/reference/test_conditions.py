@@ -69,22 +69,6 @@ def without_least_times(conditions: Conditions) -> Conditions:
     return replace(conditions, thrusters=thrusters)
 
 
-@pytest.mark.parametrize(
-    ("thrusters", "sharing"),
-    [
-        (ThrusterConditions(rise=(0.0, 0.1)), "split"),
-        (ThrusterConditions(latency=0.2), "none"),
-        (ThrusterConditions(latency=0.05, rise=0.15), "split"),
-        (ThrusterConditions(latency=0.33, rise=0.4), "none"),
-        (ThrusterConditions(latency=0.33, rise=0.4), "split"),
-    ],
-    ids=str,
-)
-def test_at_once_exactly_one_period_and_longer_than_one(thrusters, sharing):
-    """Where kinks meet, or fall on the beginning of a period; the last has ramps that overlap."""
-    fly_alike(replace(PLANE, thrust_sharing=sharing), Conditions(thrusters=thrusters), steps=20)
-
-
 @pytest.mark.parametrize("craft", [PLANE, SPACE], ids=["plane", "space"])
 def test_nozzles_of_two_supplies(craft):
     fed = tuple(replace(one, supply=i % 2) for i, one in enumerate(craft.thrusters))

@@ -48,14 +48,6 @@ def test_least_time_of_a_craft_that_cannot_turn_is_that_of_its_axis():
     ) == pytest.approx(optimum / 2.0**0.25)
 
 
-@pytest.mark.slow
-def test_least_time_of_a_turn_includes_wheels():
-    # Four thrusters of 1.75 N at 0.2388427 m and a wheel of 0.1 N m turn 0.5 kg m^2 by one radian.
-    torque = 4.0 * 1.75 * 0.2388427 + 0.1
-    optimum = 2.0 * math.sqrt(0.5 / torque)
-    _check_least_time(PINGU, planar(), planar(heading=1.0), optimum)
-
-
 def test_the_hull_bound_of_a_turn_includes_wheels():
     # A turn about one axis is a double integrator, for which the bound is the optimum; the wheel has no price.
     torque = 4.0 * 1.75 * 0.2388427 + 0.1
@@ -68,46 +60,6 @@ def test_the_hull_bound_of_a_turn_includes_wheels():
     start = spatial()
     half = replace(start, attitude=Quat(0, 0, 0, 1))
     assert hull.least_time(load_spacecraft("cubesat-3u"), aims, start, half, EXACT) == 0.0
-
-
-@pytest.mark.slow
-def test_wheels_turn_without_impulse():
-    turn = planar(heading=1.0)
-    assert attitude_tube.least_impulse(PINGU, planar(), turn, 20.0, EXACT) == 0.0
-    # Without them two couples: torque t (T - t) = I angle, at 2 t F per couple of arm 0.2388427 m.
-    bare = replace(PINGU, wheels=())
-    torque = 4.0 * 1.75 * 0.2388427
-    burn = 10.0 - math.sqrt(100.0 - 0.5 / torque)
-    optimum = 2.0 * burn * 4.0 * 1.75
-    bound = attitude_tube.least_impulse(bare, planar(), turn, 20.0, EXACT)
-    assert optimum * (1.0 - CLOSE) < bound < optimum
-
-
-@pytest.mark.filterwarnings("ignore:.* cannot push and turn")
-@pytest.mark.parametrize("price", [0.0, 1.0])
-def test_slopes_are_those_of_the_bound_with_wheels(price):
-    """A wrong slope cuts the best multipliers off: the bound still holds, but is a looser one than there is.
-
-    Central differences along random directions; some meet a kink, where another set of thrusters is the best.
-    """
-    turned: Any = replace(_AT_REST, attitude=Quat(math.cos(0.5), 0, 0, math.sin(0.5)))
-    for craft, start, goal in (
-        (PINGU, planar(), planar(1.0, 0.6, heading=1.0)),
-        (_turning(True), _AT_REST, replace(turned, p=Vec3(1.0, 0.6, 0.2))),
-    ):
-        loose = GoalSet(0.02, 0.05, 0.05, 0.05)
-        transfer = attitude_tube._transfer(craft, start, goal, 15.0, loose, 0, by_impulse=True)
-        assert transfer is not None
-        random = np.random.default_rng(0)
-        agree = []
-        for _ in range(20):
-            x, along = random.normal(size=(2, len(transfer.gain())))
-            signs = np.append(np.zeros(2 * len(transfer.way)), transfer.turning.signs)
-            x = np.where(signs > 0, np.abs(x), x)
-            slope = transfer.worth(x, price).gradient @ along
-            ahead, behind = (transfer.worth(x + h * along, price).value for h in (1e-6, -1e-6))
-            agree.append(math.isclose((ahead - behind) / 2e-6, slope, rel_tol=1e-5, abs_tol=1e-6))
-        assert np.mean(agree) > 0.8
 
 
 def test_linear_program_of_an_oblique_transfer_agrees():

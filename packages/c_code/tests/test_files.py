@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import json
 import os
-import re
 import shutil
 import subprocess
 from functools import cache, partial
@@ -17,10 +16,10 @@ import pytest
 import torch
 from hypothesis import given, strategies as st
 from rans_any_craft.networks import for_craft
-from rans_c_code.compiler import FLAGS, compiled_check, loaded_size
+from rans_c_code.compiler import FLAGS, loaded_size
 from rans_c_code.compressed import Packed, Stepped, in_steps
 from rans_c_code.files import filled, write_c
-from rans_c_code.formats import C, rounded
+from rans_c_code.formats import C
 from rans_c_code.text import DIALECT
 from scipy.spatial.transform import Rotation
 
@@ -28,12 +27,9 @@ from rans.base.files import plain
 from rans.base.pretrained import pretrained_folder
 from rans.cli import main
 from rans.deploy.contract import contract, golden
-from rans.deploy.export import stack_of, write_export
+from rans.deploy.export import stack_of
 from rans.deploy.program import Ports, agent_program
-from rans.evaluation.fly.agent import Agent, load_policy
 from rans.evaluation.fly.contestants import contestant
-from rans.evaluation.fly.episodes import fly_episodes
-from rans.evaluation.measure.metrics import solved
 from rans.fast.learn.run_folder import RunFolder
 from rans.model.operations import ROWS, of_row
 from rans.model.spacecraft_file import load_spacecraft
@@ -383,38 +379,6 @@ def test_weights_in_steps_are_stored_without_loss(
     rounded[0, 0] += 0.3 * max(float(step[0, 0]), 1e-3)
     rounded[0, 1] = max(float(step[0, 0]), 1e-3) * 127
     assert Stepped.of(rounded) is None
-
-
-@pytest.mark.slow
-def test_weights_of_few_bits_take_less_flash_and_fly(tmp_path: Path) -> None:
-    """The programs command what their own golden pairs say, in NumPy's arithmetic of the same weights."""
-    run = pretrained_folder("go-to-pose-2d")
-    exact = load_policy(run)
-    write_export(run, tmp_path, "c8", episodes=2)
-    library(tmp_path)
-    weights = sum(x.numel() for x in exact.network.tensors.values())
-    assert loaded_size(tmp_path / "agent.o") < 80_000 < 0.3 * 4 * weights
-    # They fly: of 256 flights all but two settle, of the agent itself all of 1,024.
-    agent = Agent(rounded(exact.network), "rounded", exact.craft)
-    flights = fly_episodes(agent, exact.judged, 2023, 256, workers=1)
-    assert solved(flights).mean() > 0.99
-
-
-@pytest.mark.slow
-def test_two_agents_are_linked_into_one_program(tmp_path: Path) -> None:
-    """They are called as their headers show, of agents with other numbers of columns and commands."""
-    included, called = [], []
-    for agent, form, prefix in (("go-to-pose-2d", "c8", "approach"), ("go-to-pose-3d", "c", "Far")):
-        folder = tmp_path / prefix
-        write_export(pretrained_folder(agent), folder, form, episodes=1, prefix=prefix)
-        assert "160 of 160" in compiled_check(folder)
-        _, *example = re.findall(r"^ \*     (.*)", (folder / "agent.h").read_text("utf-8"), re.M)
-        included.append(f'#include "{prefix}/agent.h"')
-        called += ["{", *example, f"if (status & {prefix.upper()}_UNREADY) {{ return 1; }}", "}"]
-    (tmp_path / "main.c").write_text("\n".join([*included, "int main(void) {", *called, "}"]))
-    sources = ["main.c", "approach/agent.c", "Far/agent.c", "-lm", "-o", "both"]
-    subprocess.run(["cc", "-std=c99", *sources], check=True, cwd=tmp_path)
-    subprocess.run([tmp_path / "both"], check=True)
 
 
 def test_an_operation_is_the_same_in_c(tmp_path: Path):

@@ -7,7 +7,6 @@ import pytest
 from rans_bounds.problem import SearchEffort
 
 from rans.cli import main
-from rans.evaluation.compare.bounds import Bound
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -94,24 +93,6 @@ def test_guesses_are_tried_and_the_certificate_has_the_time_it_is_given(tmp_path
     [([question], starts)] = asked
     assert (question.effort, question.horizon, question.period) == (SearchEffort(3.5), 8.0, 0.5)
     assert list(starts) == [0]
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("long_periods")
-def test_an_interrupt_keeps_the_bounds_that_are_finished(tmp_path, monkeypatch, capsys):
-    """Ctrl-C after the first of two bounds."""
-
-    def first_alone(*_, **__):
-        yield 0, Bound(0, 6.0, 1.5)
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("rans_bounds.transfers.bounds_in_parallel", first_alone)
-    options = "--episodes=2 --horizon=6 --certify"
-    assert run(f"go-to-pose {options} --output {tmp_path}") == 130
-    written = json.loads((tmp_path / "optimal.json").read_text())
-    assert [row["sentence"] for row in written["starts"]] == ["solved", "solved"]
-    assert [bound["hull"] for bound in written["bounds"]] == [1.5]
-    assert "Traceback" not in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("long_periods")

@@ -9,20 +9,6 @@ import rans
 from rans import ConfigError
 
 
-@pytest.mark.slow
-def test_certified_commands_fly_into_the_goal_set():
-    """In Drake, as long as the time that the bound proves least; the engines' states are the same."""
-    found = rans.certify("go-to-pose", start=3, control_period=0.5)
-    assert found.t[-1] == found.upper == 5.5
-    assert set(np.unique(found.u)) <= {0.0, 1.0}
-    flight = found.replay()
-    errors = flight.errors()
-    assert errors["position"][-1, 0] <= 0.05
-    assert np.degrees(errors["attitude"][-1, 0]) <= 5.0
-    apart = found.x[:, :2] - np.hstack(flight.states.p.columns())
-    assert np.abs(apart).max() < 1e-9
-
-
 def test_a_bound_without_commands_says_so():
     """At the goal none are needed."""
     found = rans.certify(start=rans.state((0.0, 0.0)), goal=rans.state((0.0, 0.0)))

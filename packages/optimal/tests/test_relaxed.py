@@ -46,7 +46,7 @@ def test_what_was_lost_has_no_scores():
     objective = MinimumFuel(6.0, 0.2)
     [answer, _] = optima(CONTEST.craft, CONTEST.task, objective, CONTEST.starts, workers=1)
     assert answer.flight is not None
-    strict = replace(answer.flight, task=replace(CONTEST.task, position_tolerance=1e-12))
+    strict = replace(answer.flight, task=replace(NEAR, position_tolerance=1e-12))
     assert relaxed._scored(CONTEST, objective, replace(answer, flight=strict)).settling == math.inf
     strayed = replace(answer, replay_error=0.1)
     row = relaxed._scored(CONTEST, objective, strayed)

@@ -385,33 +385,6 @@ def test_a_browser_runs_the_page_whole_and_near(name, tmp_path):
     assert re.search(r"<body[^>]* data-error=", wrong)
 
 
-@pytest.mark.slow
-def test_a_page_with_a_live_part_opens_at_its_title(tmp_path):
-    """Which a fragment in the frame's address would scroll away, as the control does."""
-    part = playground(run_of("go-to-pose-2d")).html()
-    around = """<h1 style="height: 400px">Title</h1><iframe src="FRAME" width="600" height="400"></iframe>
-<p style="height: 3000px"></p>
-<script>addEventListener("load", () => setTimeout(() => { document.body.dataset.y = scrollY; }, 500));</script>"""
-    pages = {
-        "/play/x.html": part,
-        "/fragment": '<p style="height: 300px"></p><p id="part">here</p>',
-        "/site": around.replace("FRAME", "play/x.html?part"),
-        "/control": around.replace("FRAME", "fragment#part"),
-    }
-    scrolled = {}
-    with served(pages) as (address, _):
-        for name in ("site", "control"):
-            dom = opened(f"{address}/{name}", tmp_path / name)
-            found = re.search(r'data-y="([\d.]+)"', dom)
-            assert found
-            scrolled[name] = float(found[1])
-        alone = opened(f"{address}/play/x.html?part", tmp_path / "alone")
-        whole = opened(f"{address}/play/x.html", tmp_path / "whole")
-    assert scrolled["site"] == 0.0 < scrolled["control"]
-    assert '<body class="part">' in alone
-    assert 'class="part"' not in whole
-
-
 def test_no_page_of_the_site_has_a_frame_with_a_fragment():
     """It scrolls the page around it."""
     docs = Path(__file__).parents[3] / "docs"

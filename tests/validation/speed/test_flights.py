@@ -2,17 +2,8 @@
 
 import pytest
 
-from tests.support.engines import PLATFORM
-from validation.speed.flights import enough, flight_rates
+from validation.speed.flights import enough
 from validation.speed.measurement import Clock
-
-
-def test_rates(monkeypatch):
-    monkeypatch.setattr("validation.speed.flights._UNITS", {2: (16,)})
-    (measured,) = flight_rates(PLATFORM, 8, Clock("cpu", repeats=1, seconds=0.001))
-    assert measured.name == "floating-platform, 16x16, CPU, float32"
-    assert (measured.kind, measured.unit) == ("flights", "M steps/s")
-    assert measured.value
 
 
 @pytest.mark.parametrize("full_at", [64, 5_000, 300_000])

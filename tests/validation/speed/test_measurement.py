@@ -1,5 +1,4 @@
 import pytest
-import torch
 
 from validation.speed.measurement import Clock
 
@@ -25,12 +24,3 @@ def test_a_clock_tells_the_median(monkeypatch):
     took = iter([0.5, 1.0, 1.0, 5.0, 3.0])
     monkeypatch.setattr(Clock, "_took", lambda *_: next(took))
     assert Clock("cpu", repeats=3, seconds=1.0).time(lambda: None) == (3.0, 2.0)
-
-
-@pytest.mark.parametrize(("device", "on_gpu"), [("cpu", False), ("cuda", True), ("cuda:1", True)])
-def test_what_is_a_gpu_and_must_be_waited_for(device, on_gpu, monkeypatch):
-    waited = []
-    monkeypatch.setattr(torch.cuda, "synchronize", lambda: waited.append(1))
-    clock = Clock(device)
-    clock.wait()
-    assert (clock.on_gpu, len(waited)) == (on_gpu, int(on_gpu))

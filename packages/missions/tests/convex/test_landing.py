@@ -8,7 +8,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from rans_missions.bounds.landings import landings
-from rans_missions.convex import landing as module
 from rans_missions.convex.landing import (
     Descent,
     Lander,
@@ -182,29 +181,3 @@ def test_a_craft_that_cannot_tilt_lands_by_throttling_its_engines_one_by_one():
     assert found is not None
     assert 0.9 * (mass[0] - mass[-1]) < found.dual <= mass[0] - mass[-1]
     assert landing(LANDER, upright, (p, v), period * count, period, side="bound") is None
-
-
-@pytest.mark.slow
-def test_no_flight_time_is_left_out(monkeypatch):
-    """With random costs on top, the propellant has many minima over the time, and the least of all counts."""
-    period = 4.0
-    descent = Descent.of(Land())
-    found = {
-        count: landing(LANDER, descent, PUBLISHED, count * period, period, "bound")
-        for count in range(15, 26)
-    }
-    random = np.random.default_rng(4)
-    for _ in range(4):
-        dearer = {
-            count: replace(one, propellant=one.propellant + random.uniform(0.0, 30.0))
-            for count, one in found.items()
-            if one is not None
-        }
-        assert len(dearer) > 3
-
-        def instead(*given, dearer=dearer, **_):
-            return dearer.get(round(given[3] / period))
-
-        monkeypatch.setattr(module, "landing", instead)
-        best = best_landing(LANDER, descent, PUBLISHED, period, "bound", (60.0, 100.0))
-        assert best is min(dearer.values(), key=lambda one: one.propellant)

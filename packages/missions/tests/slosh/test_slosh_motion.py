@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-import torch
 
 import rans
 from rans import BodyConditions, Conditions, DisturbanceConditions, Spacecraft, Timing
@@ -16,7 +15,6 @@ from rans.episode.scenario import draws, scenarios
 from rans.model.actuators import Wheel
 from rans.model.fields import leaves
 from rans.reference.flight import fly_in_drake
-from tests.support.effector_crafts import commands
 from tests.support.effector_flights import scripted
 from tests.support.host_kernels import (
     engine_on_host,  # noqa: F401  (a fixture)
@@ -82,16 +80,3 @@ def test_drake_flies_it_alike(liquid, how):
             np.minimum(gap, abs(gap - 2.0 * np.pi)), 1e-4 if is_rate else 1e-5
         )
     assert np.ptp(ours.states.stores[-2 if craft.dimension == 2 else -4]) > 0.3
-
-
-@both
-def test_engines_step_alike(liquid):
-    found = {}
-    for kind, dtype in (("program", torch.float32), ("plain", torch.float64)):
-        how = {"seed": 3, "plain": kind == "plain", "dtype": dtype}
-        engine = rans.Engine(liquid.craft, "go-to-pose", 16, Timing(liquid.period), **how)
-        for k in range(6):
-            engine.step(torch.from_numpy(commands(liquid.craft, 16, seed=k)).to(dtype))
-        found[kind] = np.array([np.asarray(x, dtype=np.float64) for x in leaves(engine.state)])
-    assert np.abs(found["plain"][-1]).max() > 0.1
-    np.testing.assert_allclose(found["plain"], found["program"], rtol=0, atol=2e-4)
