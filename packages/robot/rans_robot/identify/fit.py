@@ -3,29 +3,34 @@
 The log is divided into windows, each with a start of its own that is fitted too, so that what the model lacks does
 not add up over the flight; they are as long as the model explains the readings. The cost is that of Gaussian errors
 of the readings, whose standard deviations are estimated from the residuals and their degrees of freedom, and of a
-weak Gaussian prior round the data sheet, which decides what the log does not determine. It is minimised by Gauss
-and Newton's method with Levenberg and Marquardt's damping; the posterior is the Gaussian of the curvature at the
-optimum (Ljung, System Identification, 2nd edition, 7.2 and 9.3). Tests fit craft whose values are hidden, and count
-how many intervals hold them: a change may not narrow intervals.
+weak Gaussian prior round the data sheet, which decides what the log does not determine. SciPy minimises it over the
+parameters within their bounds; starts of windows are eliminated (variable projection: Golub and Pereyra, Inverse
+Problems 19, 2003). The posterior is the Gaussian of the curvature at the optimum (Ljung, System Identification, 2nd
+edition, 7.2 and 9.3). Tests fit craft whose values are hidden, and count how many intervals hold them: a change may
+not narrow intervals.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
 
 import numpy as np
-from scipy.optimize import lsq_linear
+from scipy.optimize import least_squares
 
-from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench
-from rans_robot.frames import quaternion_products, small_turns
+from rans.extend import Body, ConfigError, Spacecraft, Vec2, Vec3, Wrench, around, map_leaves
 from rans_robot.identify.log import FlightLog, checked_log
 from rans_robot.identify.motion import (
-    STEP,
     Physics,
-    Thrust,
+    advanced,
+    changes_of,
     check_identifiable,
-    predicted,
+    difference,
+    integrals_of,
+    loads_of,
+    state_of,
     windows_of,
 )
 
@@ -38,11 +43,15 @@ UNLIKELY = 3.29
 _FIRST_NOISE = {"position": 0.01, "attitude": 0.01, "velocity": 0.02, "spin": 0.02}
 """Noise with which the first fit begins: of a laboratory's order of magnitude."""
 LEAST_NOISE = 1e-4
-"""m, rad, m/s and rad/s: least noise, of the size of what the grid of predictions leaves of a perfect log."""
+"""m, rad, m/s and rad/s: least noise, of the size of what the steps of predictions leave of a perfect log."""
 CHANNELS = ("position", "attitude", "velocity", "spin")
 """Measured quantities, in the order of the columns of a residual."""
 _FACTOR_PRIOR = 0.3
 """Standard deviation of the prior of factors on force and inertia: data sheets err by a tenth to a quarter."""
+_LEAST_FACTOR = 1e-3
+"""Least factor on force and inertia."""
+_PRODUCT_PRIOR = 0.1
+"""Standard deviation of the prior of products of inertia, as a part of the largest moment."""
 _CENTRE_PRIOR = 0.03
 """m: standard deviation of the prior of the centre of mass."""
 _LATENCY_PRIOR = 0.2
@@ -51,31 +60,42 @@ _RISE_PRIOR = 0.03
 """s: standard deviation of the prior of the rise time, about which readings say little beside the latency."""
 _FORCE_PRIOR = 0.5
 """Standard deviation of the prior of a disturbance force, as a part of the strongest thruster's force."""
-_ITERATIONS = 40
-"""Most steps of the fit; it takes about ten."""
-_MOST_DAMPING = 1e8
-"""Damping at which a step is too small to matter."""
+_ROUNDS = 20
+"""Most estimates of the noise, between which the cost is minimised; three are usual."""
+_EVALUATIONS = 40
+"""Most predictions of such a minimisation; it takes about five."""
+_FEW = 5
+"""Predictions after which the best of several beginnings goes on alone."""
 _SHORT = 1.0
 """s: length of the windows of the first fits."""
 _FAINT = 10.0
 """Deviation of a faint prior of windows' starts, m, rad, m/s and rad/s: it decides what nothing measured and
 nothing shows."""
-_FEW = 5
-"""Steps after which the best of several beginnings goes on alone."""
 _FIRST_LATENCIES = (0.02, 0.1, 0.25)
 """s: where the fit begins; the cost has one minimum within a pulse of the right latency."""
-_COARSE = 2.5
-"""Factor on the longest step for derivatives, whose errors only direct the steps of the fit."""
+_STEP = 0.1
+"""s: step of predictions; what it leaves of a turn in which a valve opens is far below the noise of readings."""
 _QUIET = 1e-3
-"""Noise, m, rad, m/s or rad/s, below which the grid of predictions is `_FINER`."""
+"""Noise, m, rad, m/s or rad/s, below which steps are `_FINER`."""
 _FINER = 0.25
-"""Factor on `STEP`: its error, which goes with the square, is then a tenth of `LEAST_NOISE`."""
+"""Factor on `_STEP`, whose error goes with the cube."""
 _FARTHEST = 20.0
 """Standard deviations of the prior beyond which no value is sought."""
-_APART = 60.0
-"""s between two logs on one axis of time, in which every force has died away."""
 _DIFFERENCE = 1e-4
-"""Step of finite differences, in standard deviations of the prior."""
+"""Step of finite differences, in standard deviations of the prior; one step of the motion is linear in it."""
+_FIRST_STEP = 5.0
+"""Standard deviations of the prior that the first step of the fit may take."""
+_SWEEPS = 8
+"""Most sweeps of Newton's method through a window; two are usual."""
+_CLOSED = 1e-7
+"""m, rad, m/s and rad/s by which steps of a window may miss one another."""
+_SYSTEMATIC = 0.2
+"""Part of what a coast leaves of a channel, up to which errors that the next reading repeats may be. Two swapped
+valves leave 0.3 at least, filters over three readings 0.1."""
+_PERFECT = 2.0 * LEAST_NOISE
+"""Noise (SI) below which nothing is left to explain."""
+_LARGEST_ANGLE = 0.5
+"""rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +110,31 @@ class Parameter:
     """Standard deviation of the prior."""
     least: float = -np.inf
     """Least possible value."""
+
+
+@dataclass(frozen=True)
+class Channel:
+    """How well one measured quantity was predicted over the windows of the logs."""
+
+    name: str
+    before: float
+    """Root mean square of reading minus prediction with the data sheet, in the unit of `result.UNITS`."""
+    after: float
+    """Root mean square of reading minus prediction with what was identified."""
+    correlation: float
+    """Correlation of successive residuals; 0 for white ones."""
+    bound: float
+    """Correlation that white residuals exceed in one of a thousand logs at most."""
+    is_explained: bool
+    """Whether the model leaves nothing but independent noise, or little of what a coast leaves."""
+
+    @property
+    def is_white(self) -> bool:
+        """Whether the model explains all but independent errors of the readings.
+
+        Fitted starts of short windows make residuals unlike the ones before them, which is no fault of the model.
+        """
+        return self.correlation <= self.bound
 
 
 @dataclass(frozen=True)
@@ -112,24 +157,21 @@ class Fit:
     logs: tuple[FlightLog, ...]
     window: float
     """Length of the windows, s."""
-    coasting: dict[str, float]
-    """Standard deviation that each channel would have if nothing acted on the craft: round a straight line of each
-    window for poses, and a constant for rates. Of channels whose windows have too few readings there is none."""
 
     @property
     def deviations(self) -> np.ndarray:
         """(P,), standard deviations of the posterior."""
         return np.sqrt(np.diag(self.covariance))
 
-    def value(self, name: str) -> float:
-        """Most probable value of a parameter."""
-        return float(self.values[[parameter.name for parameter in self.parameters].index(name)])
+    @cached_property
+    def coasting(self) -> dict[str, float]:
+        """Standard deviation that each channel would have if no thruster pushed."""
+        shut = [replace(log, commands=np.zeros_like(log.commands)) for log in self.logs]
+        values = np.array([parameter.nominal for parameter in self.parameters])
+        return _Windows(self.craft, shut, self.window, values).coasting()
 
     def correlation(self, channel: str) -> tuple[float, float]:
-        """Correlation of successive residuals of a channel, and the bound that white ones exceed in 1 of 1,000.
-
-        Intervals are widened by it, and a channel may fail by it (`Identification.channels`).
-        """
+        """Correlation of successive residuals of a channel, and the bound that white ones exceed in 1 of 1,000."""
         rows = self.residuals[:, channel_columns(self.craft)[channel]]
         first, second = rows[:-1], rows[1:]
         both = np.isfinite(first) & np.isfinite(second)
@@ -145,6 +187,27 @@ class Fit:
         """
         return all(value <= bound for value, bound in map(self.correlation, self.noise))
 
+    def channels(self) -> list[Channel]:
+        """How well each measured quantity is predicted, before and after.
+
+        The correlation of successive residuals is the part of their power that the next reading repeats: an error
+        of the model, which has to be small beside what thrusters do.
+        """
+        columns = channel_columns(self.craft)
+        result = []
+        for name, noise in self.noise.items():
+            before, after = (
+                float(np.sqrt(np.nanmean(rows[:, columns[name]] ** 2)))
+                for rows in (self.nominal_residuals, self.residuals)
+            )
+            correlation, bound = self.correlation(name)
+            left = noise * np.sqrt(max(correlation, 0.0))
+            small = left < max(_SYSTEMATIC * self.coasting[name], _PERFECT)
+            is_turn = name != "attitude" or noise <= _LARGEST_ANGLE
+            explained = (small or correlation <= bound) and is_turn
+            result.append(Channel(name, before, after, correlation, bound, explained))
+        return result
+
     def is_identifiable(self) -> np.ndarray:
         """(P,), whether the log halves the prior's standard deviation at least."""
         return self.deviations < 0.5 * np.array([parameter.prior for parameter in self.parameters])
@@ -156,63 +219,51 @@ def parameters_of(craft: Spacecraft) -> tuple[Parameter, ...]:
     Their order is that of all vectors of values and of the covariance; `physics_of` reads it one by one.
     """
     check_identifiable(craft)
-    forces = [thruster.force for thruster in craft.thrusters]
     axes = "xyz"[: craft.dimension]
-    result = [
-        Parameter(f"force of thruster {k}", "N", force, _FACTOR_PRIOR * force, 1e-3 * force)
-        for k, force in enumerate(forces)
-    ]
+    turns = "z" if craft.dimension == 2 else axes
+    forces = [thruster.force for thruster in craft.thrusters]
     moments = Body.of(craft).inertia
     names = ("zz",) if craft.dimension == 2 else ("xx", "xy", "xz", "yy", "yz", "zz")
-    size = max(moments)
-    for name, moment in zip(names, moments, strict=True):
-        is_product = name[0] != name[1]
-        prior = 0.1 * size if is_product else _FACTOR_PRIOR * moment
-        least = -np.inf if is_product else 1e-3 * moment
-        result.append(Parameter(f"inertia {name}", "kg m^2", moment, prior, least))
-    # Centre, disturbance and delays.
-    strongest = max(forces)
-    result += [Parameter(f"centre {axis}", "m", 0.0, _CENTRE_PRIOR) for axis in axes]
-    result += [
-        Parameter(f"disturbance {axis}", "N", 0.0, _FORCE_PRIOR * strongest) for axis in axes
-    ]
+    push = _FORCE_PRIOR * max(forces)
     # Thrusters may all push through the centre of mass: then disturbances have the radius for a lever arm.
     lever = max(float(np.linalg.norm(t.position)) for t in craft.thrusters) or craft.radius
-    turns = ("z",) if craft.dimension == 2 else axes
-    result += [
-        Parameter(f"torque {axis}", "N m", 0.0, _FORCE_PRIOR * strongest * lever) for axis in turns
-    ]
-    result.append(Parameter("latency", "s", 0.0, _LATENCY_PRIOR, 0.0))
-    result.append(Parameter("rise", "s", 0.0, _RISE_PRIOR, 0.0))
-    return tuple(result)
+    return (
+        *(
+            Parameter(f"force of thruster {k}", "N", x, _FACTOR_PRIOR * x, _LEAST_FACTOR * x)
+            for k, x in enumerate(forces)
+        ),
+        *(
+            Parameter(f"inertia {name}", "kg m^2", x, _FACTOR_PRIOR * x, _LEAST_FACTOR * x)
+            if name[0] == name[1]
+            else Parameter(f"inertia {name}", "kg m^2", x, _PRODUCT_PRIOR * max(moments))
+            for name, x in zip(names, moments, strict=True)
+        ),
+        *(Parameter(f"centre {axis}", "m", 0.0, _CENTRE_PRIOR) for axis in axes),
+        *(Parameter(f"disturbance {axis}", "N", 0.0, push) for axis in axes),
+        *(Parameter(f"torque {axis}", "N m", 0.0, push * lever) for axis in turns),
+        Parameter("latency", "s", 0.0, _LATENCY_PRIOR, 0.0),
+        Parameter("rise", "s", 0.0, _RISE_PRIOR, 0.0),
+    )
 
 
 def physics_of(craft: Spacecraft, values: np.ndarray) -> Physics:
-    """Physics of K sets of values (K, P) in the order of `parameters_of`."""
+    """Physics of values (P,) in the order of `parameters_of`, or of K sets of them (K, P) as fields (K, 1, 1)."""
+    fields = values.T[(..., *(None, None) * (values.ndim - 1))]
     d = craft.dimension
-    turns = 1 if d == 2 else 3
-    sizes = (craft.thruster_count, 1 if d == 2 else 6, d, d, turns, 1, 1)
-    forces, inertia, centre, push, torque, *delays = np.split(values, np.cumsum(sizes)[:-1], axis=1)
-    gain = forces / [thruster.force for thruster in craft.thrusters]
-    vector = Vec2 if d == 2 else Vec3
-    return Physics(gain, inertia, centre, Wrench(vector(*push.T), torque), *delays)
+    turns = craft.degrees_of_freedom - d
+    sizes = (craft.thruster_count, 1 if d == 2 else 6, d, d, turns)
+    forces, inertia, centre, push, torque, delays = np.split(fields, np.cumsum(sizes))
+    gain = [force / one.force for force, one in zip(forces, craft.thrusters, strict=True)]
+    body = Body(craft.mass, tuple(inertia), tuple(centre), tuple(gain))
+    wrench = Wrench(Vec2(*push), torque[0]) if d == 2 else Wrench(Vec3(*push), Vec3(*torque))
+    return Physics(body, wrench, *delays)
 
 
-def _one_behind_the_other(logs: Sequence[FlightLog]) -> list[FlightLog]:
-    """Logs whose times follow one another, so that the windows of all of them lie on one axis of time."""
-    result = []
-    begin = 0.0
-    for log in logs:
-        times = {"times": log.times + begin, "command_times": log.command_times + begin}
-        result.append(replace(log, **times))
-        begin = float(max(array[-1] for array in times.values())) + 10.0 * log.period + _APART
-    return result
-
-
-def channel_columns(craft: Spacecraft) -> dict[str, slice]:
+def channel_columns(craft: Spacecraft) -> dict[str, np.ndarray]:
     """Columns of each measured quantity in a residual of 6 entries, or 12 in space."""
-    ends = (0, 2, 3, 5, 6) if craft.dimension == 2 else (0, 3, 6, 9, 12)
-    return {name: slice(a, b) for name, a, b in zip(CHANNELS, ends, ends[1:], strict=False)}
+    half = [craft.dimension, craft.degrees_of_freedom]
+    columns = np.arange(2 * half[1])
+    return dict(zip(CHANNELS, np.split(columns, [*half, sum(half)]), strict=True))
 
 
 def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = None) -> Fit:
@@ -238,40 +289,39 @@ def fit(craft: Spacecraft, logs: Sequence[FlightLog], window: float | None = Non
                 f"the log {log.source} has a reading every {period:g} s, longer than a window, {first:g} s; "
                 "are its times in seconds? window= sets longer ones."
             )
-    nominal = np.array([parameter.nominal for parameter in parameters_of(craft)])
-    latency = [parameter.name for parameter in parameters_of(craft)].index("latency")
+    nominal = [parameter.nominal for parameter in parameters_of(craft)]
 
     # Fits over short windows from several latencies; the best continues, at last over the windows asked for. Over
     # long ones the data sheet's heading may be wrong by whole turns, where the cost has other minima.
-    solvers = []
-    short = min(first, _SHORT)
+    begun = []
     for beginning in _FIRST_LATENCIES:
-        values = nominal.copy()
-        values[latency] = beginning
-        solver = _Solver(craft, logs, short, values)
-        solver.solve(_FEW)
-        solvers.append(solver)
-    near = min(solvers, key=_Solver.evidence)
+        values = np.array([*nominal[:-2], beginning, 0.0])
+        begun.append(_Windows(craft, logs, min(first, _SHORT), values))
+        begun[-1].solve(1, _FEW)
+    near = min(begun, key=_Windows.evidence)
     near.solve()
-    if near.values[latency] <= 0.0:
+    *_, latency, rise = near.values
+    if latency <= 0.0:
         _check_order(near)
     # The mean delay stays. Readings change with the square of the rise: a fit that comes to none stays there.
-    near.values[latency : latency + 2] += -0.5 * _RISE_PRIOR, _RISE_PRIOR
-    near.values[latency] = max(near.values[latency], 0.0)
-    fitted = _Solver(craft, logs, first, near.values, near.noise).fit()
+    delays = max(latency - 0.5 * _RISE_PRIOR, 0.0), rise + _RISE_PRIOR
+    values = np.array([*near.values[:-2], *delays])
+    fitted = _Windows(craft, logs, first, values, near.noise).fit()
     return fitted if window is not None else _longest(fitted)
 
 
-def _check_order(near: _Solver) -> None:
-    """Refuse (`ConfigError`) a solved fit without latency whose logs fit better with commands a period earlier.
+def _check_order(near: _Windows) -> None:
+    """Refuse (`ConfigError`) a solved fit without latency whose logs are explained by commands a period earlier.
 
     No force acts before its command: such logs have each command one control period late.
     """
     logs = near.logs
     early = [replace(log, command_times=log.command_times - log.period) for log in logs]
-    solver = _Solver(near.craft, early, near.window, near.values)
-    solver.solve()
-    if near.evidence() - solver.evidence() > UNLIKELY**2:
+    solver = _Windows(near.craft, early, near.window, near.values)
+    fitted = solver.fit()
+    if near.evidence() - solver.evidence() > UNLIKELY**2 and all(
+        channel.is_explained for channel in fitted.channels()
+    ):
         raise ConfigError(
             f"the log {logs[0].source} explains its readings better if every command was given one control period, "
             f"{logs[0].period:.4g} s, before its time: nothing is identified. The usual cause is a column of "
@@ -289,7 +339,7 @@ def _longest(fitted: Fit) -> Fit:
     longest = max(log.duration for log in fitted.logs)
     while (window := fitted.window) < min(longest, _LONGEST) and fitted.is_white():
         start = fitted.values, fitted.noise
-        longer = _Solver(fitted.craft, fitted.logs, 2.0 * window, *start).fit()
+        longer = _Windows(fitted.craft, fitted.logs, 2.0 * window, *start).fit()
         moved = np.abs(longer.values - fitted.values) / fitted.deviations
         if moved.max() > UNLIKELY or not longer.is_white():
             break
@@ -297,68 +347,12 @@ def _longest(fitted: Fit) -> Fit:
     return fitted
 
 
-class _Linear:
-    """Linear least squares of values (P,), in units of their prior, and of the starts of W windows.
+class _Windows:
+    """Least squares over the windows (W) of logs, whose readings (M) are those of the longest.
 
-    Each window has its own start, which QR eliminates from its rows: work grows with the number of windows only.
-
-    Args:
-        jacobian: (W, N, P + width), weighed derivatives by values and by the window's start.
-        rest: (W, N), weighed residuals.
-        prior: (P,), the nominal values minus the present ones.
-    """
-
-    def __init__(self, jacobian: np.ndarray, rest: np.ndarray, prior: np.ndarray) -> None:
-        self.of_values, self.of_starts = np.split(jacobian, [len(prior)], axis=-1)
-        self.rest = rest[..., None]
-        self.prior = prior
-
-    def _eliminated(self, damping: float) -> tuple[np.ndarray, ...]:
-        """Rows of the starts as a product of q (W, N, width) and r, and normal equations (P, P + 1) of the values.
-
-        A faint prior of starts stands below the rows of each window, and the diagonals grow by a factor.
-        """
-        size = self.of_starts.shape[-1]
-        below = np.sqrt(1.0 / _FAINT**2 + damping * np.sum(self.of_starts**2, axis=1))
-        whole = np.concatenate([self.of_starts, below[..., None] * np.eye(size)], axis=1)
-        q, r = np.linalg.qr(whole)
-        q = q[:, :-size]
-        rows = np.concatenate([self.of_values, self.rest], axis=-1)
-        across = q.mT @ rows
-        normal = np.tensordot(rows, rows, ((0, 1), (0, 1)))
-        normal[np.diag_indices(len(self.prior))] += 1.0
-        normal[np.diag_indices(len(self.prior))] *= 1.0 + damping
-        normal -= np.tensordot(across, across, ((0, 1), (0, 1)))
-        normal[:-1, -1] += self.prior
-        return q, r, normal[:-1]
-
-    def step(
-        self, damping: float, low: np.ndarray, high: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Changes of values within bounds (P,), and of starts (W, width), shortened by a damping."""
-        q, r, normal = self._eliminated(damping)
-        root = np.linalg.cholesky(normal[:, :-1])
-        aim = np.linalg.solve(root, normal[:, -1])
-        change = lsq_linear(root.T, aim, (low, high), method="bvls").x
-        left = q.mT @ (self.rest - self.of_values @ change[:, None])
-        return change, np.linalg.solve(r, left)[..., 0]
-
-    def covariance(self) -> np.ndarray:
-        """(P, P) of the values, the starts integrated out."""
-        return np.linalg.inv(self._eliminated(0.0)[2][:, :-1])
-
-    def leverages(self) -> np.ndarray:
-        """(W, N), derivatives of predictions by their readings: 1 where a reading is fitted exactly."""
-        q, _, normal = self._eliminated(0.0)
-        own = self.of_values - q @ (q.mT @ self.of_values)
-        return np.sum(q**2, axis=-1) + np.sum(own @ np.linalg.inv(normal[:, :-1]) * own, axis=-1)
-
-
-class _Solver:
-    """Gauss-Newton iterations from one set of values; `solve` changes values, starts, path and noise together.
-
-    All windows (W) have as many readings (M) as the
-    longest: shorter ones repeat their last instant, at which nothing is measured.
+    Shorter ones repeat their last instant, at which nothing is measured. `solve` changes ``offset``, the values as
+    standard deviations of the prior from the data sheet, the starts, the path and the noise together. Between two
+    readings are as many steps in every window, in all S, which the engine takes at once from the nodes before them.
     """
 
     def __init__(
@@ -370,249 +364,248 @@ class _Solver:
         noise: dict[str, float] | None = None,
     ) -> None:
         self.craft = craft
-        self.columns = channel_columns(craft)
-        self.width = self.columns["spin"].stop
-        """Entries of a residual, and of the change of a start."""
+        self.logs = logs
+        self.window = window
         self.parameters = parameters_of(craft)
         self.prior, self.nominal, self.least = np.array(
             [(one.prior, one.nominal, one.least) for one in self.parameters]
         ).T
-        # The windows of all logs.
-        self.logs = logs
-        behind = _one_behind_the_other(logs)
-        times = []
-        readings = []
-        for log in behind:
-            states = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
+        self.offset = (values - self.nominal) / self.prior
+        # The windows of all logs, with times since their begin.
+        noise = noise or _FIRST_NOISE
+        longest = _STEP * (_FINER if min(noise.values()) < _QUIET else 1.0)
+        tables = []
+        self.thrusts = []
+        for log in logs:
+            rows = np.column_stack([log.times, log.position, log.attitude, log.velocity, log.spin])
+            changes = changes_of(craft, log)
             for part in windows_of(log, window):
-                times.append(log.times[part])
-                readings.append(states[part])
-        self.window = window
-        self.counts = [len(part) for part in times]
-        more = [max(self.counts) - count for count in self.counts]
-        self.times = np.stack(
-            [np.pad(x, (0, n), mode="edge") for x, n in zip(times, more, strict=True)]
-        )
-        self.readings = np.stack(
+                tables.append(rows[part])
+                self.thrusts.append(integrals_of(changes, *tables[-1][[0, -1], 0]))
+        counts = np.array([len(table) for table in tables])
+        rows = np.stack(
             [
-                np.pad(x, ((0, n), (0, 0)), constant_values=np.nan)
-                for x, n in zip(readings, more, strict=True)
+                np.pad(table, ((0, more), (0, 0)), mode="edge")
+                for table, more in zip(tables, counts.max() - counts, strict=True)
             ]
         )
-        self.thrusts = Thrust.of(craft, behind)
-        noise = noise or _FIRST_NOISE
-        self.step = STEP * (_FINER if min(noise.values()) < _QUIET else 1.0)
-        """s: longest step of predictions."""
+        self.own = np.arange(counts.max()) < counts[:, None]
+        """(W, M), whether a reading is the window's own."""
+        times, columns = rows[..., 0], rows[..., 1:]
+        self.readings = state_of(np.where(self.own[..., None], columns, np.nan))
+        # Steps, and the nodes that are readings.
+        gaps = np.diff(times, axis=1)
+        counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / longest - 1e-9).astype(int))
+        self.spans = np.repeat(gaps / counts, counts, axis=1)
+        self.times = np.cumsum(np.pad(self.spans, ((0, 0), (1, 0))), axis=1)
+        self.nodes_read = np.append(0, np.cumsum(counts))
         # Where no velocity was measured, windows begin at rest; the fit moves them.
-        self.starts = np.nan_to_num(self.readings[:, 0])
-        self.values = values
-        self.path = self._path(values, self.starts)
-        """Predicted states (W, M, columns) for the present values and starts."""
-        read = np.isfinite(self._residuals(self.path))
-        self.noise = {name: x for name, x in noise.items() if read[..., self.columns[name]].any()}
-        """Standard deviations of the errors of readings."""
+        self.starts = map_leaves(lambda x: np.nan_to_num(x[:, 0]), self.readings)
+        self.near: Any = None
+        """Slopes of steps by their begins (W, S, width, width), and the nodes after them at which they are."""
+        self.linear: Any = None
+        """See `_derivatives`."""
+        self._fly(values)
+        columns = channel_columns(craft)
+        self.channel = np.repeat(np.arange(len(columns)), [len(part) for part in columns.values()])
+        """Channel of each entry of a residual."""
+        self.count = np.isfinite(self.residuals).sum((0, 1))
+        """Readings of each entry."""
+        self.spread = np.array([noise.get(name, np.inf) for name in CHANNELS])
+        """Standard deviations of the errors of readings; infinite of what was not measured."""
+        self.spread[np.bincount(self.channel, self.count) == 0] = np.inf
 
-    def solve(self, iterations: int = _ITERATIONS) -> None:
-        """Minimise the cost in at most so many steps, and estimate the noise between them."""
-        damping = 1e-3
-        settled = False
-        for _ in range(iterations):
-            linear = self._linear()
-            cost = self._cost(self.values, self.path)
-            low = (self.least - self.values) / self.prior
-            high = (self.nominal - self.values) / self.prior + _FARTHEST
-            while damping < _MOST_DAMPING:
-                change, moves = linear.step(damping, low, high)
-                values = np.maximum(self.values + change * self.prior, self.least)
-                starts = self._moved(self.starts, moves)
-                path = self._path(values, starts)
-                after = self._cost(values, path)
-                if after <= cost:
-                    self.values = values
-                    self.starts = starts
-                    self.path = path
-                    damping = max(damping * 0.1, 1e-9)
-                    changed = self._estimate_noise(linear)
-                    # A last step of 0.3 deviations at most: what is left is of second order.
-                    settled = cost - after < 0.1 and changed < 1e-2
-                    break
-                damping *= 10.0
-            else:  # no step is an improvement
-                break
-            if settled:
+    @property
+    def noise(self) -> dict[str, float]:
+        """Standard deviations of the errors of readings of what was measured."""
+        spread = zip(CHANNELS, self.spread.tolist(), strict=True)
+        return {name: noise for name, noise in spread if np.isfinite(noise)}
+
+    @property
+    def values(self) -> np.ndarray:
+        """(P,), present values."""
+        return self.nominal + self.prior * self.offset
+
+    def solve(self, rounds: int = _ROUNDS, evaluations: int = _EVALUATIONS) -> None:
+        """Minimise the cost, and estimate the noise, until neither changes."""
+        low = (self.least - self.nominal) / self.prior
+        high = np.full(len(low), _FARTHEST)
+        for _ in range(rounds):
+            found = least_squares(
+                self._errors,
+                np.clip(self.offset, low, high),
+                self._derivatives,
+                (low, high),
+                method="dogbox",
+                # A last step of 0.3 deviations at most: what is left is of second order.
+                ftol=0.1 / self.count.sum(),
+                xtol=1e-6,
+                gtol=None,
+                x_scale=1.0 / _FIRST_STEP,
+                max_nfev=evaluations,
+            )
+            self._errors(found.x)
+            if self._estimate_noise() < 1e-2:
                 break
 
-    def _path(self, values: np.ndarray, starts: np.ndarray) -> np.ndarray:
-        physics = physics_of(self.craft, np.repeat(values[None], len(starts), axis=0))
-        return predicted(self.craft, self.thrusts, physics, starts, self.times, self.step)
+    def _loads(self, physics: Physics) -> Any:
+        """Wrenches at both ends of the steps."""
+        return loads_of(self.craft, physics, self.thrusts, self.times)
+
+    def _after(self, values: np.ndarray, states: Any) -> Any:
+        """States after the steps, from states before them."""
+        physics = physics_of(self.craft, values)
+        return advanced(physics, states, self._loads(physics), self.spans)
+
+    def _fly(self, values: np.ndarray) -> None:
+        """Set the nodes (W, S + 1) of values, and the residuals (W, M, width), from the present starts.
+
+        A residual is a reading minus the predicted state; NaN where nothing was measured.
+        """
+        self.nodes = self._closed(values) or self._stepped(values)
+        path = map_leaves(lambda x: x[:, self.nodes_read], self.nodes)
+        self.residuals = difference(self.readings, path)
+
+    def _stepped(self, values: np.ndarray) -> Any:
+        """Nodes, one step after the other."""
+        physics = physics_of(self.craft, values)
+        loads = self._loads(physics)
+        nodes = [self.starts]
+        for k, span in enumerate(self.spans.T):
+            load = map_leaves(lambda x, k=k: x[:, k], loads)
+            nodes.append(advanced(physics, nodes[-1], load, span))
+        return map_leaves(lambda *x: np.stack(x, axis=1), *nodes)
+
+    def _closed(self, values: np.ndarray) -> Any:
+        """Nodes by Newton's method from those nearby, with all steps at once; None where it does not converge."""
+        if self.near is None:
+            return None
+        slopes, ends = self.near
+        for _ in range(_SWEEPS):
+            moves = difference(
+                self._after(values, map_leaves(lambda x: x[:, :-1], self._nodes(ends))), ends
+            )
+            for k in range(1, moves.shape[1]):
+                moves[:, k] += (slopes[:, k] @ moves[:, k - 1, :, None])[..., 0]
+            ends = around(ends, np.moveaxis(moves, -1, 0))
+            if np.abs(moves).max() < _CLOSED:
+                return self._nodes(ends)
+        return None
+
+    def _nodes(self, ends: Any) -> Any:
+        """Nodes of the present starts and of the states after steps."""
+        return map_leaves(lambda a, x: np.column_stack([a, x]), self.starts, ends)
 
     def _sensitivities(self) -> np.ndarray:
-        """Derivatives (W, M, width, P + width) of states by values, in units of prior, and by starts.
+        """Derivatives (W, M, width, P + width) of the path by values, in units of prior, and by starts.
 
-        They are finite differences over pieces of about `_SHORT`, all at once, and the chain rule from piece to
-        piece, since over a long window a torque turns by more than what is linear. Of each piece there is one set
-        as it is, and one for each value and entry of its start.
+        Those of each step are differences between sets of values and states, as they are and with one entry
+        changed; the chain rule joins the steps.
         """
-        count = len(self.values)
-        sets = 1 + count + self.width
-        windows, readings = self.times.shape
-        # Pieces share their ends; the last one repeats the last reading.
-        rate = readings / max(float(np.ptp(self.times, axis=1).max()), 1e-6)
-        length = max(1, int(_SHORT * rate))
-        firsts = np.arange(0, max(readings - 1, 1), length)
-        index = np.minimum(firsts[:, None] + np.arange(length + 1), readings - 1)
-        times = self.times[:, index].reshape(-1, length + 1)
-        values = np.repeat(self.values[None], sets, axis=0)
-        values[1 : 1 + count] += np.diag(self.prior * _DIFFERENCE)
-        changes = np.zeros((sets, len(times), self.width))
-        changes[1 + count :] = _DIFFERENCE * np.eye(self.width)[:, None]
-        starts = self.path[:, firsts].reshape(len(times), -1)
-        starts = self._moved(np.repeat(starts[None], sets, axis=0), changes)
-        ends = predicted(
-            self.craft,
-            self.thrusts,
-            physics_of(self.craft, np.repeat(values, len(times), axis=0)),
-            starts.reshape(sets * len(times), -1),
-            np.tile(times, (sets, 1)),
-            _COARSE * self.step,
-        ).reshape(sets, windows, *index.shape, -1)
-        slopes = np.moveaxis(self._difference(ends[1:], ends[:1]) / _DIFFERENCE, 0, -1)
-        chain = np.zeros((windows, readings, self.width, sets - 1))
-        chain[:, 0, :, count:] = np.eye(self.width)
-        for k, at in enumerate(index):
-            chain[:, at] = slopes[:, k, ..., count:] @ chain[:, at[:1]]
-            chain[:, at, :, :count] += slopes[:, k, ..., :count]
-        return chain
-
-    def _residuals(self, path: np.ndarray) -> np.ndarray:
-        """Readings minus predicted states, (W, M, width); NaN where nothing was measured."""
-        return self._difference(self.readings, path)
-
-    def _difference(self, to: np.ndarray, path: np.ndarray) -> np.ndarray:
-        """States minus states, (..., width); in space the attitude's is a rotation vector.
-
-        `_moved` is its counterpart: a start that is moved by a small difference differs by it.
-        """
-        if self.craft.dimension == 2:
-            result = to - path
-            result[..., 2] = np.mod(result[..., 2] + np.pi, 2.0 * np.pi) - np.pi
-            return result
-        turn = small_turns(path[..., 3:7], to[..., 3:7])
-        return np.concatenate(
-            [to[..., :3] - path[..., :3], turn, to[..., 7:] - path[..., 7:]], axis=-1
+        count = len(self.prior)
+        width = len(self.channel)
+        changes = _DIFFERENCE * np.eye(1 + count + width, count + width, -1)
+        begins = map_leaves(lambda x: x[:, :-1], self.nodes)
+        ends = self._after(
+            self.values + changes[:, :count] * self.prior,
+            around(begins, changes.T[count:, :, None, None]),
         )
+        change = difference(ends, map_leaves(lambda x: x[:1], ends))[1:]
+        steps = np.moveaxis(change, 0, -1) / _DIFFERENCE
+        of_begins = steps[..., count:]
+        self.near = of_begins, map_leaves(lambda x: x[:, 1:], self.nodes)
+        chain = [np.eye(width, count + width, count) + np.zeros((len(steps), 1, 1))]
+        for k in range(steps.shape[1]):
+            chain.append(of_begins[:, k] @ chain[-1])
+            chain[-1][..., :count] += steps[:, k, :, :count]
+        return np.stack([chain[k] for k in self.nodes_read], axis=1)
 
-    def _moved(self, starts: np.ndarray, change: np.ndarray) -> np.ndarray:
-        """Starts (..., columns) changed by (..., width); attitudes in space turn by a rotation vector in B.
+    def _weighed(self) -> np.ndarray:
+        """Residuals in standard deviations, (W, M width); 0 of what was not measured."""
+        weighed = np.nan_to_num(self.residuals) / self.spread[self.channel]
+        return weighed.reshape(len(weighed), -1)
 
-        A start in space has one column more than its changes, the quaternion's.
+    def _errors(self, offset: np.ndarray) -> np.ndarray:
+        """Numbers whose squares are summed: weighed residuals, and the offsets. The starts follow the values."""
+        self.offset = offset
+        if self.linear is not None:
+            before, starts, rest, of_values, r, q, _ = self.linear
+            left = rest - of_values @ (offset - before)
+            self.starts = around(starts, np.linalg.solve(r, q.mT @ left[..., None])[..., 0].T)
+        self._fly(self.values)
+        return np.concatenate([self._weighed().ravel(), offset])
+
+    def _derivatives(self, offset: np.ndarray) -> np.ndarray:
+        """Derivatives of `_errors`, to which the starts are fitted: work grows with the number of windows only.
+
+        A faint prior of starts stands below the rows of each window.
         """
-        if self.craft.dimension == 2:
-            return starts + change
-        half = 0.5 * change[..., 3:6]
-        small = np.concatenate([np.ones_like(half[..., :1]), half], axis=-1)
-        attitude = quaternion_products(starts[..., 3:7], small)
-        attitude /= np.linalg.norm(attitude, axis=-1, keepdims=True)
-        ends = starts[..., :3] + change[..., :3], attitude, starts[..., 7:] + change[..., 6:]
-        return np.concatenate(ends, axis=-1)
+        rest = self._weighed()
+        weights = np.isfinite(self.residuals) / self.spread[self.channel]
+        slopes = (self._sensitivities() * weights[..., None]).reshape(*rest.shape, -1)
+        of_values, of_starts = np.split(slopes, [len(offset)], axis=-1)
+        width = of_starts.shape[-1]
+        faint = np.eye(width) / _FAINT + np.zeros((len(rest), 1, 1))
+        q, r = np.linalg.qr(np.concatenate([of_starts, faint], axis=1))
+        q = q[:, :-width]
+        own = of_values - q @ (q.mT @ of_values)
+        self.linear = offset, self.starts, rest, of_values, r, q, own
+        return np.concatenate([-own.reshape(-1, len(offset)), np.eye(len(offset))])
 
-    def _weights(self) -> np.ndarray:
-        """1 / standard deviation of each entry of a residual; 0 of what was not measured."""
-        weights = np.zeros(self.width)
-        for name, noise in self.noise.items():
-            weights[self.columns[name]] = 1.0 / noise
-        return weights
+    def _covariance(self) -> np.ndarray:
+        """(P, P) of the offsets, the starts integrated out."""
+        rows = self.linear[-1].reshape(-1, len(self.prior))
+        return np.linalg.inv(rows.T @ rows + np.eye(len(self.prior)))
 
-    def _cost(self, values: np.ndarray, path: np.ndarray) -> float:
-        off = (values - self.nominal) / self.prior
-        weighed = self._residuals(path) * self._weights()
-        return float(np.nansum(weighed**2) + np.sum(off**2))
-
-    def _linear(self) -> _Linear:
-        """Linear least squares about the present values, starts and path."""
-        residual = self._residuals(self.path)
-        windows = len(residual)
-        weights = np.isfinite(residual) * self._weights()
-        jacobian = self._sensitivities() * weights[..., None]
-        return _Linear(
-            jacobian.reshape(windows, -1, jacobian.shape[-1]),
-            np.nan_to_num(residual * self._weights()).reshape(windows, -1),
-            (self.nominal - self.values) / self.prior,
-        )
-
-    def _estimate_noise(self, linear: _Linear) -> float:
+    def _estimate_noise(self) -> float:
         """Set standard deviations to those of the residuals, and return the largest relative change.
 
         What was fitted takes degrees of freedom of each channel: the sum of its leverages (the fixed point of
         restricted maximum likelihood: Patterson and Thompson, Biometrika 58, 1971).
         """
-        residual = self._residuals(self.path)
-        free = np.isfinite(residual) - linear.leverages().reshape(residual.shape)
-        change = 0.0
-        for name, old in self.noise.items():
-            part = self.columns[name]
-            square = np.nansum(residual[..., part] ** 2) / max(np.sum(free[..., part]), 1.0)
-            self.noise[name] = max(float(np.sqrt(square)), LEAST_NOISE)
-            change = max(change, abs(self.noise[name] / old - 1.0))
-        return change
+        old = self.spread
+        *_, q, own = self.linear
+        leverages = np.sum(q**2, axis=-1) + np.sum(own @ self._covariance() * own, axis=-1)
+        free = self.count - leverages.reshape(self.residuals.shape).sum((0, 1))
+        squares = np.nansum(self.residuals**2, (0, 1))
+        free, squares = (np.bincount(self.channel, x) for x in (free, squares))
+        noise = np.maximum(np.sqrt(squares / np.maximum(free, 1.0)), LEAST_NOISE)
+        read = np.isfinite(old)
+        self.spread = np.where(read, noise, old)
+        return float(np.max(np.abs(noise / old - 1.0)[read]))
 
     def evidence(self) -> float:
         """Minus twice the logarithm of the likelihood and the prior, up to a constant.
 
         It compares first latencies, at windows of one length: others would have other starts.
         """
-        residual = self._residuals(self.path)
-        total = self._cost(self.values, self.path)
-        for name, noise in self.noise.items():
-            count = np.isfinite(residual[..., self.columns[name]]).sum()
-            total += 2.0 * float(count * np.log(noise))
-        return total
+        spread = np.where(self.count > 0, self.spread[self.channel], 1.0)
+        errors = np.append(self._weighed(), self.offset)
+        return float(errors @ errors + 2.0 * self.count @ np.log(spread))
 
     def coasting(self) -> dict[str, float]:
-        """Standard deviation of each channel about coasts of the windows, which is `Fit.coasting`.
-
-        `result.py` calls a channel explained where its noise is well below this.
-        """
-        squares = dict.fromkeys(self.noise, 0.0)
-        free = dict.fromkeys(self.noise, 0)
-        # In space an attitude is its rotation from the window's first.
-        moved = self._difference(self.readings, self.readings[:, :1])
-        for times, rows in zip(self.times, moved, strict=True):
-            for name in self.noise:
-                degree = 1 if name in ("position", "attitude") else 0
-                for column in rows[:, self.columns[name]].T:
-                    read = np.isfinite(column)
-                    if read.sum() <= degree + 1:
-                        continue
-                    values = np.unwrap(column[read]) if name == "attitude" else column[read]
-                    terms = np.vander(times[read] - times[0], degree + 1)
-                    line = np.linalg.lstsq(terms, values, rcond=None)[0]
-                    squares[name] += float(np.sum((values - terms @ line) ** 2))
-                    free[name] += int(read.sum()) - degree - 1
-        total = {name: np.isfinite(moved[..., self.columns[name]]).sum() for name in self.noise}
-        return {
-            name: float(np.sqrt(squares[name] / free[name]))
-            for name in self.noise
-            if free[name] > 0.3 * total[name]
-        }
+        """Standard deviation of each channel about paths of the present values, whose starts alone are fitted."""
+        for _ in range(2):
+            self._derivatives(self.offset)
+            self._errors(self.offset)
+        self._estimate_noise()
+        return self.noise
 
     def fit(self) -> Fit:
         """The result of `solve`."""
         self.solve()
-
-        def in_order(path: np.ndarray) -> np.ndarray:
-            rows = zip(self._residuals(path), self.counts, strict=True)
-            return np.concatenate([own[:count] for own, count in rows])
-
+        residuals = self.residuals
+        # The data sheet's, from the same starts.
+        self._fly(self.nominal)
+        before, self.residuals = self.residuals, residuals
         return Fit(
             self.craft,
             self.parameters,
             self.values,
-            self._linear().covariance() * np.outer(self.prior, self.prior),
+            self._covariance() * np.outer(self.prior, self.prior),
             self.noise,
-            in_order(self.path),
-            in_order(self._path(self.nominal, self.starts)),
+            residuals[self.own],
+            before[self.own],
             tuple(self.logs),
             self.window,
-            self.coasting(),
         )

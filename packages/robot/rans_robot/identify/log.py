@@ -121,11 +121,9 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
     # Times, then commands within their ranges.
     _check_times(what, "commands", log.command_times)
     _check_times(what, "readings", log.times)
-    if not np.isfinite(log.commands).all():
-        raise ConfigError(f"{what} has commands that are not finite numbers.")
-    low = np.array([command.low for command in craft.commands])
-    high = np.array([command.high for command in craft.commands])
-    outside = (log.commands < low - 1e-3) | (log.commands > high + 1e-3)
+    low, high = np.array([(command.low, command.high) for command in craft.commands]).T
+    # Not a number is within no range.
+    outside = ~((log.commands >= low - 1e-3) & (log.commands <= high + 1e-3))
     if outside.any():
         row, column = np.argwhere(outside)[0]
         raise ConfigError(
@@ -141,13 +139,9 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             f"{what} has {counted(int(inside.sum()), 'reading')} while commands were given; at least "
             f"{_FEWEST_READINGS} are needed. Do both have the same clock?"
         )
-    # What remains is read before the first command's end and after the last one.
-    parts = {
-        name: getattr(log, name)[inside]
-        for name in ("times", "position", "attitude", "velocity", "spin")
-    }
-    _check_readings(what, parts)
+    parts = {name: getattr(log, name)[inside] for name in ("times", *_BOUNDS)}
     result = replace(log, **parts)
+    _check_readings(what, result)
     begin = log.command_times[0]
     return replace(result, command_times=log.command_times - begin, times=result.times - begin)
 
@@ -186,48 +180,34 @@ def _check_times(what: str, name: str, times: np.ndarray) -> None:
         )
 
 
-def _check_readings(what: str, parts: dict[str, np.ndarray]) -> None:
-    """Refuse (`ConfigError`) readings (N, ...) beyond all measure, wrong quaternions, and logs without poses."""
-    _check_bounds(what, parts)
-    position = parts["position"]
-    attitude = parts["attitude"]
-    if np.isnan(np.column_stack([position, attitude])).any(axis=1).all():
-        lacks = [
-            name
-            for name, values in (("positions", position), ("attitudes", attitude))
-            if np.isnan(values).all()
-        ]
-        raise ConfigError(
-            f"{what} has no {' and no '.join(lacks) or 'reading with both position and attitude'}: a fit of a "
-            "craft with thrusters needs positions in the world and attitudes."
-        )
-
-
-def _check_bounds(what: str, parts: dict[str, np.ndarray]) -> None:
-    """Refuse (`ConfigError`) readings (N, ...) beyond all measure (`_BOUNDS`) and quaternions that are none."""
-    times = parts["times"]
-    for (name, (bound, unit)), values in zip(
-        _BOUNDS.items(), list(parts.values())[1:], strict=True
-    ):
-        rows = values.reshape(len(times), -1)
-        beyond = np.abs(rows) > bound  # NaN, which was not measured, is not
+def _check_readings(what: str, log: FlightLog) -> None:
+    """Refuse (`ConfigError`) readings beyond all measure, quaternions that are none, and logs without poses."""
+    tables = {name: getattr(log, name).reshape(len(log.times), -1) for name in _BOUNDS}
+    for name, (bound, unit) in _BOUNDS.items():
+        beyond = np.abs(tables[name]) > bound  # NaN, which was not measured, is not
         if beyond.any():
             row, column = np.argwhere(beyond)[0]
             raise ConfigError(
-                f"{what}: the {name} at {times[row]:g} s is {rows[row, column]:g} {unit}, beyond {bound:g} {unit}; "
-                "is it in other units, or damaged?"
+                f"{what}: the {name} at {log.times[row]:g} s is {tables[name][row, column]:g} {unit}, beyond "
+                f"{bound:g} {unit}; is it in other units, or damaged?"
             )
-    attitude = parts["attitude"]
-    if attitude.ndim == 2:
-        length = np.linalg.norm(attitude, axis=1)
+    if log.attitude.ndim == 2:
+        length = np.linalg.norm(log.attitude, axis=1)
         # Of four digits each, as people write them, it is within 1e-4 of 1.
         wrong = np.abs(length - 1.0) > 0.01
         if wrong.any():
             row = int(np.argmax(wrong))
             raise ConfigError(
-                f"{what}: the quaternion at {times[row]:g} s has the length {length[row]:.4g} instead of 1; is the "
-                "order of columns another one?"
+                f"{what}: the quaternion at {log.times[row]:g} s has the length {length[row]:.4g} instead of 1; is "
+                "the order of columns another one?"
             )
+    lacks = {name for name in ("position", "attitude") if np.isnan(tables[name]).all()}
+    if lacks or np.isnan(np.hstack([tables["position"], tables["attitude"]])).any(axis=1).all():
+        missing = " and no ".join(f"{name}s" for name in sorted(lacks, reverse=True))
+        raise ConfigError(
+            f"{what} has no {missing or 'reading with both position and attitude'}: a fit of a craft with "
+            "thrusters needs positions in the world and attitudes."
+        )
 
 
 def _spelled(cell: str) -> str:
@@ -276,15 +256,18 @@ def read_csv(file: Path, craft: Spacecraft) -> FlightLog:
             f"{inputs[-1]}; the usual cause is another spacecraft."
         )
     # Cells: an empty one is NaN, since commands and readings have lines of their own; tables of NumPy say nan.
-    numbers = {name: np.full(len(table.rows), np.nan) for name in units}
-    for name, place in places.items():
-        column = numbers[name]
-        for k, (line, row) in enumerate(table.rows):
-            cell = row[place].strip()
-            if cell and cell.lower() != "nan":
-                column[k] = table.number(line, f"column {name}", cell)
+    none = [np.nan] * len(table.rows)
+    numbers = dict.fromkeys(units, none) | {
+        name: [
+            table.number(line, f"column {name}", row[place])
+            if row[place].strip().lower() not in ("", "nan")
+            else np.nan
+            for line, row in table.rows
+        ]
+        for name, place in places.items()
+    }
     _, _, unit = header[places["time"]].partition("(")
-    time = numbers["time"] * _SECONDS[unit.rstrip(") ") or "s"]
+    time = np.array(numbers["time"]) * _SECONDS[unit.rstrip(") ") or "s"]
 
     # Lines with a command, and lines with a reading.
     readings = np.column_stack([numbers[name] for name in _COLUMNS[d]])

@@ -1,119 +1,58 @@
 """Predicted motion of a spacecraft whose forces, mass properties and delays are to be identified.
 
-Between the instants of a fine grid the thrust is constant in B. Forces follow commands after a latency and a linear
-rise, which is the command convolved with a box: an own formulation beside `rans.randomization.valves`, for whole
-windows of a log at once. `tests/identify/test_motion.py` compares it with the engine, whose equations it does not
-use.
+The equations of motion are the engine's (`rans.model.dynamics.advance`). Forces follow commands after a latency
+and a linear rise, which is the command convolved with a box: integrals of the commands, which are piecewise
+polynomials, give the thrust of any step under any delay. In a step thrust is the line that has the same impulse and
+the same first moment, so that spin, velocity, and in the plane the heading are exact where steps end.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import PPoly
 
-from rans.extend import ConfigError, Quat, Spacecraft, Vec3, Wrench, leaves
-from rans.model.dynamics import thrust
-from rans_robot.identify.log import SIZES, FlightLog
+from rans.extend import (
+    Body,
+    ConfigError,
+    Heading,
+    PlanarState,
+    Quat,
+    Spacecraft,
+    SpatialState,
+    Vec2,
+    Vec3,
+    Wrench,
+    advance,
+    rotation_vector,
+)
+from rans.model.dynamics import thrust, wrench_of
+from rans_robot.identify.log import FlightLog
 
-STEP = 0.02
-"""s: longest step of the grid, in which thrust is constant. A valve that opens within one errs by a h^2 / 8:
-2e-4 rad under 4 rad/s^2, far below the noise of readings but in quiet logs, where it is an error of the rise."""
-_BRISK = 1e-4
-"""s: a rise below it counts as a delay of half of it, since a mean over no time is rounding."""
-_AFTER = 10.0
-"""Control periods after the last command of a log, at which its last reading is past: that is within two periods
-of when the command was recorded, which may be some periods after it was given."""
+Integrals = tuple[PPoly, PPoly]
+"""Second and third integral of the shares of full force in a window, s^2 and s^3, over the time since its begin."""
+_BRISK = 1e-3
+"""s: a rise below it counts as one of so long with the same mean delay, since a mean over no time is rounding."""
+_SLOWEST = 8.0
+"""s before a window of which the commands are known to it; delays are at most 4.6 s (`fit._FARTHEST`)."""
+_INSTANT = 1e-6
+"""s: a step below it has the thrust of so long a one, since a mean over no time is rounding."""
+_NODES = 3
+"""Nodes of the quadrature in the plane: its error is 1e-9 of the thrust for steps of 0.1 rad."""
 
 
-@dataclass(frozen=True)
-class Physics:
-    """Parameters of the motion for K windows."""
+class Physics(NamedTuple):
+    """Parameters of the motion, each a number, or a field of sets of them."""
 
-    gain: np.ndarray
-    """(K, n), factors on the force of each thruster."""
-    inertia: np.ndarray
-    """(K, 1), kg m^2; in space (K, 6): xx, xy, xz, yy, yz and zz."""
-    centre: np.ndarray
-    """(K, d), m: centre of mass from the designed one."""
+    body: Body
+    """Mass properties, and factors on the force of each thruster."""
     disturbance: Wrench
-    """Constant force of fields (K,), N, and torque (K, 1 or 3), N m, in W."""
-    latency: np.ndarray
-    """(K, 1), s from a command until the force begins to change."""
-    rise: np.ndarray
-    """(K, 1), s of the linear change of the force."""
-
-
-@dataclass(frozen=True)
-class Thrust:
-    """Forces that thrusters of designed strength would give at once: steps in time, and their integrals."""
-
-    times: np.ndarray
-    """(E,), s: instants of change."""
-    first: np.ndarray
-    """(E, n): integral of the shares of full force up to each instant, s."""
-    second: np.ndarray
-    """(E, n): integral of that, s^2."""
-    shares: np.ndarray
-    """(E, n): shares of full force from each instant on."""
-
-    @classmethod
-    def of(cls, craft: Spacecraft, logs: Sequence[FlightLog]) -> Thrust:
-        """Shares of full force by the commands of logs in the order of time, with pulses and the supply's limit.
-
-        The integrals are exact for steps of thrust, so that they can be shifted by any delay without a grid. Those
-        of a log begin at 0, and no thruster pushes between two logs.
-        """
-        tables = []
-        for log in logs:
-            times = []
-            shares = []
-            periods = np.diff(log.command_times, append=log.command_times[-1] + log.period)
-            periods = np.minimum(periods, log.period)  # a pulse is a share of the control period
-            for time, command, period in zip(log.command_times, log.commands, periods, strict=True):
-                gone = 0.0
-                for part, levels in craft.actuators.pulses(tuple(map(float, command))):
-                    if part <= 0.0:
-                        continue
-                    times.append(time + gone)
-                    shares.append([float(x) for x in thrust(craft, tuple(levels))])
-                    gone += float(part) * period
-            t = np.array(times)
-            u = np.array(shares)
-            steps = np.diff(t)[:, None]
-            first = np.zeros_like(u)
-            second = np.zeros_like(u)
-            first[1:] = np.cumsum(u[:-1] * steps, axis=0)
-            second[1:] = np.cumsum(first[:-1] * steps + 0.5 * u[:-1] * steps**2, axis=0)
-            none = np.zeros_like(u[:1])
-            tables += [(t, first, second, u), ([t[-1] + _AFTER * log.period], none, none, none)]
-        return cls(*(np.concatenate(parts) for parts in zip(*tables, strict=True)))
-
-    def _integrals(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """First and second integral of the shares at times t of any shape (s): (..., n) each, s and s^2.
-
-        From the first command on; before it both are 0.
-        """
-        index = np.clip(np.searchsorted(self.times, t, side="right") - 1, 0, None)
-        since = np.maximum(t - self.times[index], 0.0)[..., None]  # nothing acts before the log
-        first = self.first[index] + self.shares[index] * since
-        second = (
-            self.second[index] + self.first[index] * since + 0.5 * self.shares[index] * since**2
-        )
-        return first, second
-
-    def delivered(self, t: np.ndarray, latency: np.ndarray, rise: np.ndarray) -> np.ndarray:
-        """Integral of the delayed shares up to times t (K, S), s: (K, S, n), s.
-
-        A share that rises linearly is the mean of the commanded one over the rise time before. Delays (K, 1).
-        """
-        is_brisk = rise < _BRISK
-        first, second = self._integrals(t - latency - np.where(is_brisk, 0.5 * rise, 0.0))
-        _, before = self._integrals(t - latency - rise)
-        ramp = np.maximum(rise, _BRISK)[..., None]
-        return np.where(is_brisk[..., None], first, (second - before) / ramp)
+    """Constant force, N, and torque, N m, in W."""
+    latency: Any
+    """s from a command until the force begins to change."""
+    rise: Any
+    """s of the linear change of the force."""
 
 
 def check_identifiable(craft: Spacecraft) -> None:
@@ -148,146 +87,102 @@ def windows_of(log: FlightLog, length: float) -> list[slice]:
     edges = np.arange(log.times[0], log.times[-1], length)
     if len(edges) > 1 and log.times[-1] - edges[-1] < 0.5 * length:
         edges = edges[:-1]
-    starts = []
-    for edge in edges:
-        after = np.flatnonzero((log.times >= edge - 1e-9) & has_pose)
-        if len(after) and (not starts or after[0] > starts[-1]):
-            starts.append(int(after[0]))
+    poses = np.flatnonzero(has_pose)
+    firsts = np.searchsorted(log.times[poses], edges - 1e-9)
+    starts = np.unique(poses[firsts[firsts < len(poses)]])
     gaps = np.flatnonzero(np.diff(log.times) > length) + 1
-    ends = []
-    for begin, end in zip(starts, [*starts[1:], len(log.times)], strict=True):
-        after = gaps[(gaps > begin) & (gaps < end)]
-        ends.append(int(after[0]) if len(after) else end)
-    return [slice(begin, end) for begin, end in zip(starts, ends, strict=True)]
+    # The next start or the next gap, whichever is first, or the end of the log.
+    stops = np.unique([*starts, *gaps, len(log.times)])
+    return [slice(int(a), int(stops[stops > a][0])) for a in starts]
 
 
-def predicted(
-    craft: Spacecraft,
-    thrusts: Thrust,
-    physics: Physics,
-    start: np.ndarray,
-    times: np.ndarray,
-    longest: float = STEP,
-) -> np.ndarray:
-    """States at the readings of K windows of M readings each: columns (K, M, 6 or 13).
+def changes_of(craft: Spacecraft, log: FlightLog) -> tuple[np.ndarray, np.ndarray]:
+    """Instants (E,), s, at which commands change the thrust, and the shares of full force (E, n) from each on.
 
-    They are x, y, heading, vx, vy, spin, or p, quaternion, v, w.
-
-    Args:
-        craft: spacecraft as designed.
-        thrusts: forces that were commanded.
-        physics: parameters.
-        start: (K, 6 or 13), states at the first readings of the windows.
-        times: (K, M), s, times of the readings, ascending.
-        longest: s, longest step of the grid.
+    They have pulses and the supply's limit, and no delay.
     """
-    # Readings lie on the grid: between its instants velocities have kinks where thrusters open.
-    gaps = np.diff(times, axis=1)
-    counts = np.maximum(1, np.ceil(np.max(gaps, axis=0) / longest - 1e-9).astype(int))
-    step = np.repeat(np.maximum(gaps, 1e-12) / counts, counts, axis=1)
-    grid = _summed(times[:, :1], step[..., None])[..., 0]
-    delivered = thrusts.delivered(grid, physics.latency, physics.rise)
-    step = step[..., None]
-    wrench = np.diff(delivered, axis=1) / step * physics.gain[:, None] @ craft.wrenches
-    # The motion about the centre of mass, and the force in W in the middle of each step.
-    d = craft.dimension
-    position, attitude, velocity, spin = np.split(start, np.cumsum(SIZES[d][:-1]), axis=1)
-    turned = _turned if d == 2 else _turned_in_space
-    attitudes, spins, pushed = turned(
-        physics, attitude, spin, wrench[..., :d], wrench[..., d:], step
+    times = []
+    shares = []
+    periods = np.diff(log.command_times, append=log.command_times[-1] + log.period)
+    periods = np.minimum(periods, log.period)  # a pulse is a share of the control period
+    for time, command, period in zip(log.command_times, log.commands, periods, strict=True):
+        gone = 0.0
+        for part, levels in craft.actuators.pulses(tuple(map(float, command))):
+            if part <= 0.0:
+                continue
+            times.append(time + gone)
+            shares.append([float(x) for x in thrust(craft, tuple(levels))])
+            gone += float(part) * period
+    return np.array(times), np.array(shares)
+
+
+def integrals_of(changes: tuple[np.ndarray, np.ndarray], begin: float, end: float) -> Integrals:
+    """Integrals of `changes_of` in a window from a begin to an end, s.
+
+    Each window has its own, since numbers that grow with the time since the first command would lose digits.
+    """
+    times, shares = changes
+    first = max(int(np.searchsorted(times, begin - _SLOWEST, side="right")) - 1, 0)
+    last = int(np.searchsorted(times, end, side="right"))
+    edges = np.append(times[first:last], end + _SLOWEST)
+    steps = PPoly(shares[None, first:last], edges - begin)
+    return steps.antiderivative(2), steps.antiderivative(3)
+
+
+def impulses(windows: list[Integrals], times: np.ndarray, latency: Any, rise: Any) -> np.ndarray:
+    """First and second integral, (2, ..., W, T, n), of the delayed shares up to times (W, T) of W windows.
+
+    A share that rises linearly is the mean of the commanded one over the rise time before. Delays are numbers or
+    (K, 1, 1).
+    """
+    ramp = np.maximum(rise, _BRISK)
+    late = np.moveaxis(times - latency - 0.5 * (rise - ramp), -2, 0)
+    before = np.moveaxis(times - latency - 0.5 * (rise + ramp), -2, 0)
+    result = []
+    for pair, now, then in zip(windows, late, before, strict=True):
+        # Nothing acts before the first command.
+        now, then = (np.maximum(x, pair[0].x[0]) for x in (now, then))
+        result.append([integral(now) - integral(then) for integral in pair])
+    return np.moveaxis(np.array(result), 0, -3) / np.asarray(ramp)[..., None]
+
+
+def loads_of(
+    craft: Spacecraft, physics: Physics, windows: list[Integrals], times: np.ndarray
+) -> tuple[Wrench, ...]:
+    """Wrenches in B at the start and the end of the steps between times (W, T), s.
+
+    They are of the line of thrust with the same impulse and the same first moment.
+    """
+    first, second = impulses(windows, times, physics.latency, physics.rise)
+    span = np.maximum(np.diff(times), _INSTANT)[..., None]
+    mean = np.diff(first, axis=-2) / span
+    rise = 6.0 * mean - 12.0 * (np.diff(second, axis=-2) - span * first[..., :-1, :]) / span**2
+    gain = physics.body.gain
+    lines = (np.moveaxis(mean + sign * rise, -1, 0) for sign in (-0.5, 0.5))
+    return tuple(
+        wrench_of(craft, [g * u for g, u in zip(gain, shares, strict=True)], physics.body)
+        for shares in lines
     )
-    push = np.stack(physics.disturbance.force.columns(), axis=-1)
-    acceleration = (pushed + push[:, None]) / craft.mass
-    velocities = _summed(velocity, acceleration * step)
-    positions = _summed(position, velocities[:, :-1] * step + 0.5 * acceleration * step**2)
-    states = np.concatenate([positions, attitudes, velocities, spins], axis=-1)
-    return states[:, np.append(0, np.cumsum(counts))]
 
 
-def _summed(start: np.ndarray, changes: np.ndarray) -> np.ndarray:
-    """Values (K, S + 1, c) that begin at (K, c) and change by (K, S, c)."""
-    return np.cumsum(np.concatenate([start[:, None], changes], axis=1), axis=1)
+def advanced(physics: Physics, state: Any, loads: Any, span: Any) -> Any:
+    """State after a step of a span (s), by the engine."""
+    first, last = loads
+    push = physics.disturbance
+    return advance(state, first, physics.body, span, nodes=_NODES, disturbance=push, last=last)
 
 
-def _turned(
-    physics: Physics,
-    attitude: np.ndarray,
-    spin: np.ndarray,
-    force: np.ndarray,
-    torque: np.ndarray,
-    step: np.ndarray,
-) -> tuple[np.ndarray, ...]:
-    """Headings (K, S + 1, 1), spins (K, S + 1, 1) and forces in W (K, S, 2), as cumulative sums.
-
-    They are some hundred times as fast as the engine's steps, one after the other. The force has the heading in the
-    middle of each step: the error is of third order in its turn, 1e-6 of the thrust at 1 rad/s.
-    """
-    x, y = physics.centre.T[..., None, None]
-    fx, fy = force[..., :1], force[..., 1:]
-    rate = torque - (x * fy - y * fx) + physics.disturbance.torque[:, None]
-    rate = rate / physics.inertia[:, None]
-    spins = _summed(spin, rate * step)
-    headings = _summed(attitude, spins[:, :-1] * step + 0.5 * rate * step**2)
-    middle = headings[:, :-1] + 0.5 * step * spins[:, :-1] + 0.125 * step**2 * rate
-    cos = np.cos(middle)
-    sin = np.sin(middle)
-    return headings, spins, np.concatenate([cos * fx - sin * fy, sin * fx + cos * fy], axis=-1)
+def state_of(columns: np.ndarray) -> PlanarState | SpatialState:
+    """State of fields (...) from columns (..., 6 or 13): p, heading or quaternion, v, w."""
+    x = np.moveaxis(columns, -1, 0)
+    if len(x) == 6:
+        return PlanarState(Vec2(*x[:2]), Heading(x[2]), Vec2(*x[3:5]), x[5])
+    return SpatialState(Vec3(*x[:3]), Quat(*x[3:7]), Vec3(*x[7:10]), Vec3(*x[10:]))
 
 
-def _turned_in_space(
-    physics: Physics,
-    attitude: np.ndarray,
-    spin: np.ndarray,
-    force: np.ndarray,
-    torque: np.ndarray,
-    step: np.ndarray,
-) -> tuple[np.ndarray, ...]:
-    """Attitudes (K, S + 1, 4), spins (K, S + 1, 3) and forces in W (K, S, 3), by the midpoint rule.
-
-    The fit takes finite differences of results: no choice by the value of a parameter, which would make steps.
-    """
-    inertia = physics.inertia[:, [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
-    inverse = _fields(np.linalg.inv(inertia))
-    inertia = _fields(inertia)
-    twist = Vec3(*_fields(physics.disturbance.torque))
-    torque = torque - np.cross(physics.centre[:, None], force)
-
-    def rate(w: Vec3, q: Quat, torque: Vec3) -> Vec3:
-        """Angular acceleration in B, rad/s^2: Euler's equations."""
-        total = torque + q.inverse().rotate(twist) - w.cross(_product(inertia, w))
-        return _product(inverse, total)
-
-    # Euler's equations at the beginning and in the middle of each step.
-    q = Quat(*_fields(attitude))
-    w = Vec3(*_fields(spin))
-    path = [(*leaves(q), *leaves(w), *leaves(q))]
-    for h, load in zip(_fields(step[..., 0]), _fields(torque), strict=True):
-        halfway = w + rate(w, q, Vec3(*load)).scale(0.5 * h)
-        middle = _after(q, (w + halfway).scale(0.25 * h))
-        w = w + rate(halfway, middle, Vec3(*load)).scale(h)
-        q = _after(q, halfway.scale(h))
-        path.append((*leaves(q), *leaves(w), *leaves(middle)))
-    states = np.moveaxis(np.array(path).reshape(len(path), 11, -1), -1, 0)
-    pushed = Quat(*states[:, 1:, 7:].T).rotate(Vec3(*force.T))
-    return states[..., :4], states[..., 4:7], np.array(pushed.columns()).T
-
-
-def _fields(table: np.ndarray) -> list[Any]:
-    """Entries of a table (K, ...) as lists of arrays (K,), or of floats where K is 1."""
-    if len(table) == 1:
-        return table[0].tolist()
-    return list(np.ascontiguousarray(np.moveaxis(table, 0, -1)))
-
-
-def _product(matrix: Sequence[Sequence[Any]], vector: Vec3) -> Vec3:
-    """Product of a matrix of fields, three rows of three, and a vector."""
-    return Vec3(*(a * vector.x + b * vector.y + c * vector.z for a, b, c in matrix))
-
-
-def _after(q: Quat, turn: Vec3) -> Quat:
-    """Unit quaternion after a rotation vector in B, rad, by a series whose error is 1e-6 rad for 1 rad."""
-    squared = turn.dot(turn)
-    cosine = 1.0 - squared * (0.125 - squared / 384.0)
-    factor = 0.5 - squared * (1.0 / 48.0 - squared / 3840.0)
-    scale = (cosine * cosine + factor * factor * squared) ** -0.5
-    return q.times(Quat(cosine * scale, *turn.scale(factor * scale).columns()))
+def difference(to: Any, origin: Any) -> np.ndarray:
+    """State minus another, (..., 6 or 12), whose attitude is the shortest rotation; `around` is its inverse."""
+    turn = rotation_vector(origin.attitude.to(to.attitude))
+    spin = [a - b for a, b in zip(to.spin(), origin.spin(), strict=True)]
+    parts = *(to.p - origin.p).columns(), *turn, *(to.v - origin.v).columns(), *spin
+    return np.stack(np.broadcast_arrays(*parts), axis=-1)

@@ -20,7 +20,6 @@ from rans import (
     ThrusterConditions,
 )
 from rans.extend import (
-    Body,
     ConfigError,
     Spacecraft,
     conditions_text,
@@ -29,43 +28,13 @@ from rans.extend import (
     write_json,
     write_text,
 )
-from rans_robot.identify.fit import CHANNELS, LEAST_NOISE, Fit, channel_columns
+from rans_robot.identify.fit import CHANNELS, LEAST_NOISE, Channel, Fit, physics_of
 
-_SYSTEMATIC = 0.2
-"""Part of what a coast leaves of a channel, up to which errors that the next reading repeats may be. Two swapped
-valves leave 0.3 at least, filters over three readings 0.1."""
-_PERFECT = 2.0 * LEAST_NOISE
-"""Noise (SI) below which nothing is left to explain."""
-_LARGEST_ANGLE = 0.5
-"""rad: noise of an attitude, above which it is none; angles that say nothing have 1.8 rad."""
 SPREAD = 1.96
 """Standard deviations of a two-sided interval of 95 %."""
+_MEAN = np.array([1.0, 0.5])
+"""Weights of latency and rise in the mean delay."""
 UNITS = {"position": "m", "attitude": "rad", "velocity": "m/s", "spin": "rad/s"}
-
-
-@dataclass(frozen=True)
-class Channel:
-    """How well one measured quantity was predicted over the windows of the logs."""
-
-    name: str
-    before: float
-    """Root mean square of reading minus prediction with the data sheet, in the unit of `UNITS`."""
-    after: float
-    """Root mean square of reading minus prediction with what was identified."""
-    correlation: float
-    """Correlation of successive residuals; 0 for white ones."""
-    bound: float
-    """Correlation that white residuals exceed in one of a thousand logs at most."""
-    is_explained: bool
-    """Whether the model leaves nothing but independent noise, or little of what a coast leaves."""
-
-    @property
-    def is_white(self) -> bool:
-        """Whether the model explains all but independent errors of the readings.
-
-        Fitted starts of short windows make residuals unlike the ones before them, which is no fault of the model.
-        """
-        return self.correlation <= self.bound
 
 
 @dataclass(frozen=True)
@@ -123,33 +92,40 @@ class Identification:
         Its file is what `rans identify` writes and agents are then trained for; the name gets "-identified".
         """
         craft = self.fit.craft
-        count = craft.thruster_count
-        values = [float(x) for x in self.fit.values]
+        body = physics_of(craft, self.fit.values).body
         thrusters = tuple(
-            replace(thruster, force=force)
-            for thruster, force in zip(craft.thrusters, values[:count], strict=True)
+            replace(thruster, force=float(gain * thruster.force))
+            for thruster, gain in zip(craft.thrusters, body.gain, strict=True)
         )
-        moments = values[count : count + len(Body.of(craft).inertia)]
-        if craft.dimension == 2:
-            tensor = (moments[0] * np.eye(3)).tolist()
-        else:
-            xx, xy, xz, yy, yz, zz = moments
-            tensor = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]
-        offset = [self.fit.value(f"centre {axis}") for axis in "xyz"[: craft.dimension]]
+        tensor = body.inertia[0] * np.eye(3)
+        if craft.dimension == 3:
+            xx, xy, xz, yy, yz, zz = body.inertia
+            tensor = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
         centre = np.array(craft.centre_of_mass)
-        centre[: craft.dimension] += offset
+        centre[: craft.dimension] += body.centre
         return replace(
             craft,
             name=f"{craft.name}-identified",
             thrusters=thrusters,
-            inertia=tuple(map(tuple, tensor)),  # pyrefly: ignore[bad-argument-type]
-            centre_of_mass=tuple(map(float, centre)),  # pyrefly: ignore[bad-argument-type]
+            inertia=tuple(map(tuple, tensor.tolist())),
+            centre_of_mass=tuple(centre.tolist()),
         )
 
-    def _relative(self, rows: list[int]) -> tuple[float, float]:
-        """Range of the factor on quantities of these numbers that the largest of their intervals has."""
-        part = SPREAD * float(np.max(self.fit.deviations[rows] / self.fit.values[rows]))
+    def _of(self, *names: str) -> tuple[np.ndarray, np.ndarray]:
+        """Values of quantities whose names begin so, and half of their intervals."""
+        rows = [k for k, one in enumerate(self.fit.parameters) if one.name.startswith(names)]
+        return self.fit.values[rows], SPREAD * self.fit.deviations[rows]
+
+    def _relative(self, *names: str) -> tuple[float, float]:
+        """Range of the factor on such quantities that the largest of their intervals has."""
+        values, halves = self._of(*names)
+        part = float(np.max(halves / values))
         return round(max(1.0 - part, 0.05), 4), round(1.0 + part, 4)
+
+    def _magnitude(self, name: str) -> tuple[float, float]:
+        """Range of the length of a vector."""
+        values, halves = self._of(name)
+        return _around(np.linalg.norm(values), max(halves))
 
     @property
     def conditions(self) -> Conditions:
@@ -157,66 +133,41 @@ class Identification:
 
         Where the rise of the force could not be separated from the latency, the latency has half of it.
         """
-        rows = {row.name: row for row in self.rows()}
-        craft = self.fit.craft
-        count = craft.thruster_count
-        diagonal = [0] if len(Body.of(craft).inertia) == 1 else [0, 3, 5]
-        axes = "xyz"[: craft.dimension]
-        centre = float(
-            np.linalg.norm([rows[f"centre {a}"].high - rows[f"centre {a}"].value for a in axes])
-        )
-        names = [parameter.name for parameter in self.fit.parameters]
-        latency, rise = (names.index(name) for name in ("latency", "rise"))
         # Thrust and its delays, then body, disturbance and noise.
-        thrusters = ThrusterConditions(thrust=self._relative(list(range(count))))
-        if rows["rise"].is_identifiable:
-            thrusters = replace(
-                thrusters,
-                latency=_positive(rows["latency"].low, rows["latency"].high),
-                rise=_positive(rows["rise"].low, rows["rise"].high),
-            )
+        thrusters = ThrusterConditions(thrust=self._relative("force"))
+        if self.fit.is_identifiable()[-1]:
+            (latency, rise), halves = self._of("latency", "rise")
+            latency, rise = _around(latency, halves[0]), _around(rise, halves[1])
+            thrusters = replace(thrusters, latency=latency, rise=rise)
         else:
-            mean = self.fit.values[latency] + 0.5 * self.fit.values[rise]
-            spread = SPREAD * self.delay_deviation
-            thrusters = replace(thrusters, latency=_positive(mean - spread, mean + spread))
-        turns = ("z",) if craft.dimension == 2 else axes
-        noise = self.fit.noise
+            latency = _around(self.delay, SPREAD * self.delay_deviation)
+            thrusters = replace(thrusters, latency=latency)
         position, attitude, velocity, spin = (
-            SensorConditions(noise=round(noise.get(name, 0.0), 6)) for name in CHANNELS
+            SensorConditions(noise=round(self.fit.noise.get(name, 0.0), 6)) for name in CHANNELS
         )
+        centre = float(np.linalg.norm(self._of("centre")[1]))
         return Conditions(
             body=BodyConditions(
-                inertia=self._relative([count + k for k in diagonal]),
+                inertia=self._relative("inertia xx", "inertia yy", "inertia zz"),
                 centre=(0.0, round(centre, 5)),
             ),
             thrusters=thrusters,
             disturbances=DisturbanceConditions(
-                force=self._magnitude([f"disturbance {axis}" for axis in axes]),
-                torque=self._magnitude([f"torque {axis}" for axis in turns]),
+                force=self._magnitude("disturbance"), torque=self._magnitude("torque")
             ),
             sensors=SensorsConditions(position, attitude, velocity, spin),
-            description=f"identified from {len(self.fit.logs)} log(s) of {craft.name}",
+            description=f"identified from {len(self.fit.logs)} log(s) of {self.fit.craft.name}",
         )
 
     @property
     def delay(self) -> float:
         """Mean delay of the force after a command, s: latency plus half of the rise."""
-        return self.fit.value("latency") + 0.5 * self.fit.value("rise")
+        return float(_MEAN @ self.fit.values[-2:])
 
     @property
     def delay_deviation(self) -> float:
-        """Standard deviation of `delay`, s: of the latency plus half of the rise."""
-        names = [parameter.name for parameter in self.fit.parameters]
-        weights = np.zeros(len(names))
-        weights[names.index("latency")] = 1.0
-        weights[names.index("rise")] = 0.5
-        return float(np.sqrt(weights @ self.fit.covariance @ weights))
-
-    def _magnitude(self, names: list[str]) -> tuple[float, float]:
-        rows = [row for row in self.rows() if row.name in names]
-        size = float(np.linalg.norm([row.value for row in rows]))
-        spread = max(row.high - row.value for row in rows)
-        return _positive(size - spread, size + spread)
+        """Standard deviation of `delay`, s."""
+        return float(np.sqrt(_MEAN @ self.fit.covariance[-2:, -2:] @ _MEAN))
 
     def rows(self) -> list[Identified]:
         """Every quantity with its interval, in the order of the spacecraft file.
@@ -241,25 +192,7 @@ class Identification:
 
     def channels(self) -> list[Channel]:
         """How well each measured quantity is predicted, before and after."""
-        columns = channel_columns(self.fit.craft)
-        result = []
-        for name in CHANNELS:
-            if name not in self.fit.noise:
-                continue
-            before, after = (
-                float(np.sqrt(np.nanmean(rows[:, columns[name]] ** 2)))
-                for rows in (self.fit.nominal_residuals, self.fit.residuals)
-            )
-            correlation, bound = self.fit.correlation(name)
-            noise = self.fit.noise[name]
-            # The correlation of residuals is the part of their power that the next reading repeats.
-            repeated = noise * np.sqrt(max(correlation, 0.0))
-            is_small = repeated < max(_SYSTEMATIC * self.fit.coasting.get(name, np.inf), _PERFECT)
-            explained = (is_small or correlation <= bound) and not (
-                name == "attitude" and noise > _LARGEST_ANGLE
-            )
-            result.append(Channel(name, before, after, correlation, bound, explained))
-        return result
+        return self.fit.channels()
 
     def notes(self) -> list[str]:
         """Sentences on what the logs do not determine, and whether the intervals can be believed.
@@ -326,5 +259,6 @@ class Identification:
         }
 
 
-def _positive(low: float, high: float) -> tuple[float, float]:
-    return round(max(float(low), 0.0), 6), round(max(float(high), 0.0), 6)
+def _around(value: Any, half: Any) -> tuple[float, float]:
+    """Interval of what is not negative, with as many digits as files have."""
+    return round(max(float(value - half), 0.0), 6), round(max(float(value + half), 0.0), 6)

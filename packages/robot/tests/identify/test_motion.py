@@ -1,4 +1,4 @@
-"""Predicted motion against hand-worked integrals and against the engine."""
+"""Predicted motion against hand-worked integrals, and fits of hidden craft that the engine flew."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rans_robot.identify.fit import WINDOW, fit, parameters_of, physics_of
+from rans_robot.identify.fit import LEAST_NOISE, fit, parameters_of
 from rans_robot.identify.log import FlightLog
-from rans_robot.identify.motion import Thrust, predicted
+from rans_robot.identify.motion import changes_of, impulses, integrals_of
 from rans_robot.identify.result import Identification
-from scipy.integrate import solve_ivp
+from scipy.stats import chi2
 
 from campaigns.identification import hidden_flights
-from rans import SensorsConditions
+from rans import SensorsConditions, Spacecraft
 from rans.model.spacecraft_file import load_spacecraft
 from rans.randomization.conditions_file import load_conditions
 
@@ -30,55 +30,41 @@ def test_every_quantity_has_a_prior(name):
         assert parameters["torque x"].prior == pytest.approx(0.1)
 
 
-def log_of(commands: np.ndarray, period: float = 0.5) -> FlightLog:
+def delivered(
+    craft: Spacecraft,
+    commands: np.ndarray,
+    period: float,
+    at: list[float],
+    late: float,
+    rise: float,
+) -> np.ndarray:
+    """Seconds of full force (T, n) that thrusters gave until times."""
     times = np.arange(len(commands)) * period
     still = np.zeros((len(commands), 2))
-    return FlightLog("log", times, commands, times, still, still[:, 0], still, still[:, 0])
+    log = FlightLog("log", times, commands, times, still, still[:, 0], still, still[:, 0])
+    window = integrals_of(changes_of(craft, log), 0.0, times[-1])
+    return impulses([window], np.array([at]), late, rise)[0, 0]
 
 
 def test_a_delayed_ramp_delivers_what_is_worked_by_hand():
     """Open from 0.5 s on, 0.1 s late, with a rise of 0.2 s: half of the rise is lost, then every second counts."""
     commands = np.zeros((6, 8))
     commands[1:, 3] = 1.0
-    thrust = Thrust.of(PLATFORM, [log_of(commands)])
-    late = np.array([[0.1]])
-    ramp = np.array([[0.2]])
-    at = thrust.delivered(np.array([[0.55, 0.6, 0.7, 0.8, 2.0]]), late, ramp)[0, :, 3]
-    assert at == pytest.approx([0.0, 0.0, 0.025, 0.1, 1.3], abs=1e-12)
-    assert thrust.delivered(np.array([[2.0]]), late, ramp)[0, 0, 0] == 0.0
+    by_then = delivered(PLATFORM, commands, 0.5, [0.55, 0.6, 0.7, 0.8, 2.0], 0.1, 0.2)
+    assert by_then[:, 3] == pytest.approx([0.0, 0.0, 0.025, 0.1, 1.3], abs=1e-12)
+    assert by_then[-1, 0] == 0.0
+    # A rise of no time.
+    assert delivered(PLATFORM, commands, 0.5, [0.7], 0.1, 0.0)[0, 3] == pytest.approx(0.1)
 
 
 def test_a_pulse_is_part_of_its_period():
+    """0.3 of a period of 0.1 s, in a pulse at its beginning."""
     craft = load_spacecraft("atmos")
     commands = np.zeros((5, len(craft.commands)))
     commands[1, 0] = 0.3
-    thrust = Thrust.of(craft, [log_of(commands, 0.1)])
-    none = np.zeros((1, 1))
-    # 0.3 of a period of 0.1 s, in a pulse at its beginning.
-    delivered = thrust.delivered(np.array([[0.1, 0.115, 0.13, 0.4]]), none, none)[0, :, 0]
-    assert delivered == pytest.approx([0.0, 0.015, 0.03, 0.03], abs=1e-9)
-
-
-@pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
-def test_the_prediction_is_the_engine_s_motion(name):
-    """The engine has other equations of valves and of motion; its readings have noise of 5 mm and 0.5 degrees."""
-    craft = load_spacecraft(name)
-    logs, truth = hidden_flights(craft, 2, 6.0, 0.2, seed=3)
-    width = 6 if craft.dimension == 2 else 13
-    for log, values in zip(logs, truth, strict=True):
-        columns = np.column_stack([log.position, log.attitude, log.velocity, log.spin])
-        path = predicted(
-            craft,
-            Thrust.of(craft, [log]),
-            physics_of(craft, values[None]),
-            columns[:1],
-            log.times[None],
-        )[0]
-        assert path.shape == (30, width)
-        # Six seconds multiply the start's error of 1 cm/s to 6 cm, and 0.5 deg/s to 3 degrees, three times of each.
-        assert np.abs(path[:, : craft.dimension] - log.position).max() < 0.2
-        spin = path[:, -1 if craft.dimension == 2 else slice(-3, None)]
-        assert np.abs(spin - log.spin).max() < 0.1
+    by_then = delivered(craft, commands, 0.1, [0.1, 0.115, 0.13, 0.4], 0.0, 0.0)[:, 0]
+    # A rise of no time counts as one of 1 ms, so that half a millisecond of the second time is in it.
+    assert by_then == pytest.approx([0.0, 0.015, 0.03, 0.03], abs=2e-4)
 
 
 def test_hidden_craft_are_found_within_their_intervals():
@@ -117,7 +103,6 @@ def test_what_is_fitted_takes_degrees_of_freedom_of_its_channel():
 
 @pytest.mark.slow
 def test_windows_grow_while_the_model_is_right():
-    """A planted error: the log is of a craft whose first two thrusters are exchanged."""
     (log,), (values,) = hidden_flights(PLATFORM, 1, 20.0, 0.2, seed=5)
     found = fit(PLATFORM, [log])
     assert found.window == 20.0
@@ -127,64 +112,19 @@ def test_windows_grow_while_the_model_is_right():
     # Errors weighed by their covariance: 16 squares, below 39.3 in 999 of 1,000 samples.
     assert float(error @ np.linalg.solve(found.covariance, error)) < 39.3
     assert "too narrow" not in " ".join(Identification(found).notes())
-    # The readings' noise is 0.0087 rad; a torque of 0.3 N m of the wrong sign turns by more in a window.
-    wrong = fit(PLATFORM, [replace(log, commands=log.commands[:, [1, 0, *range(2, 8)]])])
-    assert wrong.noise["attitude"] > 0.03
-    assert wrong.window == WINDOW
 
 
-def test_readings_between_kinks_are_exact():
-    """A thruster that opens at once in every second period: velocities have kinks at readings."""
-    commands = np.zeros((9, 8))
-    forward = np.flatnonzero(np.array(PLATFORM.wrench_map)[:, 0] > 0.0)[:1]
-    commands[::2, forward] = 1.0
-    log = log_of(commands, 0.125)
-    physics = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
-    path = predicted(
-        PLATFORM, Thrust.of(PLATFORM, [log]), physics, np.zeros((1, 6)), log.times[None]
-    )
-    turned = PLATFORM.wrench_map[int(forward[0])][2] / PLATFORM.inertia[2][2] * 0.125
-    assert path[0, :, 5] == pytest.approx(
-        turned * (np.arange(10) // 2 + np.arange(10) % 2)[:9], abs=1e-9
-    )
-
-
-def test_intervals_of_a_log_without_noise_hold_the_truth():
-    """Errors of the prediction are 1e-4 of its numbers. A fit that came to no rise stayed there, 30 ms off."""
+@pytest.mark.parametrize("name", ["floating-platform", "free-flyer"])
+def test_intervals_of_a_log_without_noise_hold_the_truth(name):
+    """The engine has other equations of valves, and steps of its own. A fit that came to no rise stayed there."""
+    craft = load_spacecraft(name)
     lab = load_conditions("lab")
     perfect = replace(lab, body=replace(lab.body, mass=1.0), sensors=SensorsConditions())
-    (log,), (values,) = hidden_flights(PLATFORM, 1, 15.0, 0.2, seed=11, conditions=perfect)
-    found = fit(PLATFORM, [log])
+    (log,), (values,) = hidden_flights(craft, 1, 12.0, 0.2, seed=11, conditions=perfect)
+    found = fit(craft, [log], window=3.0)
     error = found.values - values
-    # Errors weighed by their covariance: 16 squares, below 39.3 in 999 of 1,000 samples.
-    assert float(error @ np.linalg.solve(found.covariance, error)) < 39.3
+    # Errors weighed by their covariance: P squares of the normal distribution.
+    assert chi2.sf(error @ np.linalg.solve(found.covariance, error), len(error)) > 1e-3
     assert np.abs(error[-2:]).max() < 5e-3
-
-
-@pytest.mark.parametrize("spin", [0.0, 1.0])
-def test_a_turning_craft_is_pushed_as_scipy_says(spin):
-    """One thruster for a second, and a torque of 0.1 N m: the error is of third order in the turn of a step."""
-    commands = np.zeros((3, 8))
-    commands[:2, 0] = 1.0
-    nominal = physics_of(PLATFORM, np.array([one.nominal for one in parameters_of(PLATFORM)])[None])
-    twist = replace(nominal.disturbance, torque=np.full((1, 1), 0.1))
-    start = np.array([[0.0, 0.0, 0.3, 0.0, 0.0, spin]])
-    log = log_of(commands)
-    path = predicted(
-        PLATFORM,
-        Thrust.of(PLATFORM, [log]),
-        replace(nominal, disturbance=twist),
-        start,
-        log.times[None],
-    )
-    fx, fy, torque = PLATFORM.wrench_map[0]
-
-    def rates(_: float, y: np.ndarray) -> list[float]:
-        _, _, angle, vx, vy, w = y
-        c, s = np.cos(angle), np.sin(angle)
-        push = (c * fx - s * fy) / PLATFORM.mass, (s * fx + c * fy) / PLATFORM.mass
-        return [vx, vy, w, *push, (torque + 0.1) / PLATFORM.inertia[2][2]]
-
-    end = solve_ivp(rates, (0.0, 1.0), start[0], rtol=1e-10, atol=1e-12).y[:, -1]
-    # Steps of 0.02 rad: 2e-5 of the thrust.
-    np.testing.assert_allclose(path[0, 2], end, rtol=0, atol=1e-5)
+    # Predictions err by no more than what counts as noise in any case.
+    assert np.abs(found.residuals).max() < 4.0 * LEAST_NOISE
