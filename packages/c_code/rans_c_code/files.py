@@ -14,6 +14,8 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from rans.extend import Ports, Program, write_text
 from rans_c_code.compiler import measured_stack
 from rans_c_code.printer import Printer
@@ -66,7 +68,10 @@ def write_c(
             f"{command['name']}, {command['kind']}, {command['low']:g} to {command['high']:g}"
             for command in commands
         ),
-        "RANGES": _ranges(columns, ports.observation),
+        "RANGES": C(
+            f"{_ranges(columns, ports.observation)}\nstatic const float pushes[RANS_COMMANDS * 6] = {{\n    "
+            f"{rows_of(_pushes(about, ports.command))}}};"
+        ),
         "TABLES": C("\n".join(printer.tables())),
         "STEPS": C("\n".join("    " + line for line in body)),
         "FORGET": remembers or "    (void)agent;",
@@ -142,6 +147,15 @@ def _ranges(columns: Sequence[Mapping[str, Any]], width: int) -> C:
                 f"{rows_of([literal(x) for x in numbers])}}};"
             )
     return C("\n".join(texts))
+
+
+def _pushes(about: Mapping[str, Any], count: int) -> list[str]:
+    """Force and torque, N and N m in B, of each command; of a wheel, and without a contract, zeros."""
+    rows = np.zeros((count, 6))
+    for row, thruster in zip(rows, about.get("command", {}).get("thrusters", []), strict=False):
+        force = np.multiply(thruster["direction"], thruster["force"])
+        row[:] = [*force, *np.cross(thruster["position"], force)]
+    return [literal(x) for x in rows.ravel().tolist()]
 
 
 def _checked(pairs: Mapping[str, Any]) -> dict[str, Any]:

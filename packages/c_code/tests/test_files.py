@@ -192,11 +192,12 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
     header = (folder / "agent.h").read_text("utf-8")
     names = ("OBSERVATION", "COMMANDS", "MEMORY")
     width, commands, memory = (defined(header, name) for name in names)
-    state = np.zeros(1 + memory + width + 1, np.float32)
+    state = np.zeros(1 + memory + width + 2, np.float32)
     code.rans_agent_reset(pointer(state))
     agent = exported(folder)["Agent"]()
     _, _, seen = remembering()
     rows = seen[:60, 0].copy()
+    rows[33:38] = rows[32]
     rows[0, 3] = np.nan  # before there is one to hold
     rows[10, 6] = 1e9
     rows[20:24, 2] = -np.inf
@@ -212,7 +213,7 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
         np.testing.assert_array_equal(command, agent.act(row))
         found.append(status)
         for flag, words in (
-            (HELD, "held the last one"),
+            (HELD, "held the last"),
             (SHUT, "shut all valves"),
             (UNTRIED, "is beyond what the agent was tried on"),
         ):
@@ -223,10 +224,12 @@ def test_wild_readings_are_taken_as_in_numpy(folder: Path, flags: tuple[str, ...
     assert found[23] == SHUT
     assert found[24] == found[11] == 0
     assert found[30] == UNTRIED
+    assert found[33] == HELD
+    assert found[37] == SHUT
     state[1 + 3] = np.nan
     agent.memory[0, 3] = np.nan
-    assert code.rans_agent_act(pointer(state), pointer(rows[39].copy()), pointer(command)) == 4
-    np.testing.assert_array_equal(command, agent.act(rows[39]))
+    assert code.rans_agent_act(pointer(state), pointer(rows[38].copy()), pointer(command)) == 4
+    np.testing.assert_array_equal(command, agent.act(rows[38]))
     assert agent.note == "the memory was not finite and is forgotten."
     np.testing.assert_allclose(state[1 : 1 + memory], agent.memory[0], rtol=0, atol=1e-6)
 

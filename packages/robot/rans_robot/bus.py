@@ -16,6 +16,7 @@ from typing import Any, Literal, Protocol, cast, get_args
 
 from rans.extend import ConfigError, brief, require
 from rans_robot.messages import types
+from rans_robot.monitor import Link
 
 BusName = Literal["dds", "zenoh", "udp"]
 Distribution = Literal["humble", "jazzy", "kilted", "rolling"]
@@ -122,6 +123,10 @@ _QOS = "::,10:,:,:,,"
 """Quality of service as tokens write it: defaults, which are reliable and volatile, with a depth of 10."""
 
 
+_TIMED = struct.Struct("<qq")
+"""Begin of an attachment: number and time, ns."""
+
+
 class ZenohBus:
     """Zenoh with the keys, attachments and liveliness tokens of rmw_zenoh 0.1.2, 0.2.4, 0.6 and later.
 
@@ -194,9 +199,15 @@ class ZenohBus:
 
     def subscribe(self, topic: str, kind: str, receive: Receive) -> None:
         """See `Bus`."""
-        self._session.declare_subscriber(
-            self._key(topic, kind), lambda sample: receive(bytes(sample.payload))
-        )
+        link = Link()
+
+        def take(sample: Any) -> None:
+            # Of a publisher that attaches no time nothing is known.
+            attached = b"" if sample.attachment is None else bytes(sample.attachment)
+            if len(attached) < _TIMED.size or link.is_fresh(_TIMED.unpack_from(attached)[1]):
+                receive(bytes(sample.payload))
+
+        self._session.declare_subscriber(self._key(topic, kind), take)
         self._announce("MS", topic, kind)
 
     def publish(self, topic: str, kind: str, data: bytes) -> None:
@@ -221,7 +232,7 @@ class ZenohBus:
 def _attachment(number: int, now: int, sender: bytes, ros: Distribution) -> bytes:
     """Number and time (ns) as int64, and the sender, with its length before it up to Kilted."""
     length = b"" if ros == "rolling" else bytes([len(sender)])
-    return struct.pack("<qq", number, now) + length + sender
+    return _TIMED.pack(number, now) + length + sender
 
 
 def open_bus(text: str) -> Bus:
@@ -305,13 +316,16 @@ class DDSBus:
         from cyclonedds.sub import DataReader
 
         kept = self._structures.of(kind)
+        link = Link()
 
         class Forward(self._listener):
             """Hands samples on, in DDS's thread."""
 
             def on_data_available(self, reader: Any) -> None:
                 for sample in reader.take(16):
-                    if isinstance(sample, kept):  # not that a writer has left
+                    sent = sample.sample_info.source_timestamp
+                    # Not that a writer has left.
+                    if isinstance(sample, kept) and link.is_fresh(sent):
                         receive(bytes(sample.serialize()))
 
         self._readers.append(

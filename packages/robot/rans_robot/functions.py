@@ -245,6 +245,7 @@ def twin(
     rate: float = 100.0,
     start: Sequence[str | float] = (),
     seconds: float = 600.0,
+    fault: str = "",
 ) -> Motion:
     """Simulate a robot for `rans fly`, which publishes its state on a bus and takes commands.
 
@@ -259,6 +260,8 @@ def twin(
         start: start at rest: x, y (m) and heading, such as 3 1 40deg, in space x, y, z and perhaps roll, pitch,
             yaw; angles are in degrees, or with a unit, such as 0.7rad. By default a sampled one.
         seconds: length of the simulation, s.
+        fault: NAME:SECONDS, what fails and when, to see a node shut: frozen, dead, restart, two-senders, outliers,
+            no-twist, slow-link or fast-clock.
 
     Raises:
         ConfigError: one of these does not exist, or a number is out of its range.
@@ -289,6 +292,7 @@ def twin(
         rate=rate,
         start=begin.pose,
         seconds=seconds,
+        fault=fault,
     )
     # Simulate until the time is up or a signal comes; the bus is closed in any event.
     stop = stop_on_signals()

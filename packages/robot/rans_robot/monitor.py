@@ -12,9 +12,9 @@ import math
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from statistics import median
+from operator import le
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -115,6 +115,8 @@ RULES = {
         "shuts; ends after `lost_after`",
         "`readings.oldest`",
     ),
+    # As long as a twin holds a command of 0.2 s.
+    "link": Rule("wait of a message in Zenoh or DDS", (0.5,), "{:g} s", _DROPS),
     "rate": Rule("time between states, in the median", (1.5,), "{:g} control periods", "ends"),
     "craft": Rule(
         "another spacecraft or control period in `rans/craft`", (1e-6,), "{:g} s", "ends"
@@ -209,15 +211,22 @@ def command(values: Any, low: Any, high: Any) -> np.ndarray:
     """
     result = np.array(values, dtype=float)
     (slack,) = RULES["command"].limits
-    if (
-        result.shape != np.shape(low)
-        or not ((result >= np.subtract(low, slack)) & (result <= np.add(high, slack))).all()
+    if result.shape == np.shape(low) and _within(result.tolist(), low, high):
+        return result
+    if result.shape != np.shape(low) or not _within(
+        result, np.subtract(low, slack), np.add(high, slack)
     ):
         raise ValueError(
-            f"the command is {_text(values)}, but must be {np.size(low)} numbers from {_text(low)} to "
+            f"the command is {_text(values)}, but must be {len(low)} numbers from {_text(low)} to "
             f"{_text(high)}: is it for another spacecraft?"
         )
-    return np.clip(result, low, high)
+    return result.clip(low, high)
+
+
+def _within(values: Iterable[float], low: Iterable[float], high: Iterable[float]) -> bool:
+    """Whether every value is a number within its limits."""
+    values = [*values]
+    return all(map(le, low, values)) and all(map(le, values, high))
 
 
 class Description(NamedTuple):
@@ -488,6 +497,20 @@ class _Clock:
         return now - came >= (stamp - first) // 2
 
 
+class Link:
+    """Drops what waited in a link, by when its sender sent it: a command of before is none of now."""
+
+    def __init__(self) -> None:
+        self._clock = _Clock(*RULES["link"].limits)
+
+    def is_fresh(self, sent: int) -> bool:
+        """Whether a message that its sender sent at a time, ns (0: unknown), and that comes now, did not wait."""
+        try:
+            return sent <= 0 or bool(self._clock.judge(sent, time.monotonic_ns()))
+        except ValueError:
+            return False
+
+
 @dataclass
 class _Part:
     """What is known of one topic of a robot's state."""
@@ -546,9 +569,10 @@ class Monitor:
         )
         self._lost_after = max(plan.lost_after, self.oldest)
         self._columns = [f"column {k} ({x['name']})" for k, x in enumerate(contract["observation"])]
-        beyond = np.array([column["refused"] for column in contract["observation"]], dtype=float)
-        self._refused = beyond * RULES["observation"].limits
-        self._commands = command_bounds(craft)
+        (wider,) = RULES["observation"].limits
+        beyond = [column["refused"] for column in contract["observation"]]
+        self._refused = [[wider * x for x in side] for side in zip(*beyond, strict=True)]
+        self._commands = command_bounds(craft, float).tolist()
         # What thrust makes: each thruster's share, and all that there is, as wheels give it too.
         size = craft.dimension
         inertia = min(craft.inertia[k][k] for k in range(3))
@@ -568,7 +592,7 @@ class Monitor:
         """When each field was measured last, ns, and what."""
         self._gap = np.zeros(6)
         """Changes of pose, m and rad, that velocities did not make, in all."""
-        self._gaps: deque[np.ndarray] = deque(maxlen=2 + math.ceil(_WINDOW / self.period))
+        self._gaps: deque[list[float]] = deque(maxlen=2 + math.ceil(_WINDOW / self.period))
         """The same at the last decisions."""
         self._given = 0.0
         """Change of speed, m/s, or of spin, rad/s, by the last command."""
@@ -728,7 +752,7 @@ class Monitor:
         # Parts that come too seldom, in the median.
         (most,) = RULES["rate"].limits
         for topic, part in self._parts.items():
-            usual = median(part.intervals) if len(part.intervals) == _SPREAD else 0.0
+            usual = sorted(part.intervals)[_SPREAD // 2] if len(part.intervals) == _SPREAD else 0.0
             if usual > most * self.period:
                 return (
                     f"states on {topic} come every {usual:.2f} s, but the agent decides every {self.period:g} s",
@@ -767,12 +791,11 @@ class Monitor:
         # The pose and its velocities, over the time that is remembered.
         if not {"velocity", "spin"} <= self._last.keys():
             return
-        self._gaps.append(self._gap.copy())
-        speeds = [self._last[name][1] for name in ("velocity", "spin")]
-        for at, (speed, unit) in enumerate(zip(speeds, ("m", "rad"), strict=True)):
+        self._gaps.append(self._gap.tolist())
+        for at, (name, unit) in enumerate((("velocity", "m"), ("spin", "rad"))):
             axes = slice(3 * at, 3 * at + 3)
-            off = math.hypot(*(self._gap[axes] - self._gaps[0][axes]))
-            most = RULES["twist"].limits[at if speed.any() else at + 2]
+            off = math.dist(self._gaps[-1][axes], self._gaps[0][axes])
+            most = RULES["twist"].limits[at if any(self._last[name][1].tolist()) else at + 2]
             if off > most:
                 self._raise(
                     now,
@@ -783,16 +806,14 @@ class Monitor:
     def observed(self, row: Any) -> np.ndarray:
         """Observation (width,), float32, of an agent; `ValueError` if a column is beyond what it may be."""
         result = np.array(row, dtype=np.float32)
-        low, high = self._refused.T
-        # Not a number is within no limit.
-        inside = (result >= low) & (result <= high)
-        if not inside.all():
-            at = int(np.argmin(inside))
-            raise ValueError(
-                f"{self._columns[at]} is {result[at]:g}, which is no reading: it must be from {low[at]:g} to "
-                f"{high[at]:g}"
-            )
-        return result
+        values = result.tolist()
+        if _within(values, *self._refused):
+            return result
+        rows = zip(self._columns, values, *self._refused, strict=True)
+        name, value, low, high = next(row for row in rows if not row[2] <= row[1] <= row[3])
+        raise ValueError(
+            f"{name} is {value:g}, which is no reading: it must be from {low:g} to {high:g}"
+        )
 
     def commanded(self, values: Any) -> np.ndarray:
         """A command (n,) of the craft, within its limits; `ValueError` if it is none."""
@@ -800,9 +821,8 @@ class Monitor:
 
     def gave(self, command: np.ndarray) -> None:
         """The command (n,) of a period, from which motion is due in the next one."""
-        size = len(self._shares)
-        pushed = command[:size] @ self._shares
-        self._given = float(np.abs(pushed).max(initial=0.0)) * self.period
+        pushed = (command[: len(self._shares)] @ self._shares).tolist()
+        self._given = max(map(abs, pushed)) * self.period
 
     def never_came(self, now: int) -> str:
         """Why no state was complete until a time, ns, in a sentence; "" if one was or nothing was decided."""

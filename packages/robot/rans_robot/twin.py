@@ -25,6 +25,7 @@ from rans.extend import (
     Timing,
     World,
     bounds,
+    brief,
     draws,
     is_finite,
     leaves,
@@ -50,6 +51,47 @@ _MOST_BEHIND = 0.5
 """s by which the twin may be behind its clock before it says so."""
 
 
+Fault = Callable[[Motion, float, int], tuple[Motion | None, float]]
+"""What is published of a motion so many s and messages after a fault began, or None, and by how many s its time
+stamp is off."""
+
+
+def _frozen() -> Fault:
+    first: list[Motion] = []
+
+    def fault(motion: Motion, _: float, number: int) -> tuple[Motion, float]:
+        first[number:] = [] if number else [motion]
+        return first[0], 0.0
+
+    return fault
+
+
+def _jumps(by: float, every: int) -> Fault:
+    away = np.array([by, 0.0, 0.0])
+    return lambda motion, _, number: (
+        motion._replace(position=motion.position + away * (number % every == every - 1)),
+        0.0,
+    )
+
+
+FAULTS: dict[str, Callable[[], Fault]] = {
+    "frozen": _frozen,
+    "dead": lambda: lambda *_: (None, 0.0),
+    "restart": lambda: lambda motion, after, _: (motion if after > 2.0 else None, 0.0),
+    "two-senders": lambda: _jumps(3.0, 2),
+    "outliers": lambda: _jumps(4.0, 5),
+    "no-twist": lambda: (
+        lambda motion, *_: (
+            motion._replace(velocity=np.zeros(3), spin=np.zeros(3)),
+            0.0,
+        )
+    ),
+    "slow-link": lambda: lambda motion, after, _: (motion, -0.5 * after),
+    "fast-clock": lambda: lambda motion, after, _: (motion, after),
+}
+"""What a user may see the own node shut for, by name."""
+
+
 @dataclass(frozen=True)
 class TwinPlan:
     """What a twin is."""
@@ -67,6 +109,8 @@ class TwinPlan:
     """x, y (m) and heading (degrees) in the plane; x, y, z, roll, pitch and yaw in space. Empty: one is sampled."""
     seconds: float = 600.0
     """Length of the episode, over which sudden pushes are spread."""
+    fault: str = ""
+    """NAME:SECONDS, one of `FAULTS` and when it begins, s; "": none."""
 
     def __post_init__(self) -> None:
         """Reject (`ConfigError`) wrong times, rates and starts."""
@@ -75,6 +119,11 @@ class TwinPlan:
         positive("--seconds", self.seconds)
         if not all(map(is_finite, self.start)):
             raise ConfigError(f"the numbers of a start must be finite, got {self.start}.")
+        name, _, after = self.fault.partition(":")
+        if self.fault and (name not in FAULTS or not after.replace(".", "", 1).isdecimal()):
+            raise ConfigError(
+                f"--fault is NAME:SECONDS, with one of {', '.join(FAULTS)}, got {brief(self.fault)}."
+            )
 
 
 class Craft:
@@ -242,6 +291,9 @@ def run_twin(
     next_announcement = begun
     next_valves = begun
     behind = False
+    name, _, after = plan.fault.partition(":")
+    fault = FAULTS[name]() if name else None
+    number = 0
     refused: set[str] = set()
     gc.collect()
     gc.freeze()
@@ -270,8 +322,13 @@ def run_twin(
         # Motion, and what sensors say of it.
         given = craft.advance()
         measured = craft.measured()
+        since = (now - begun) * 1e-9 - float(after or 0.0)
+        off = 0.0
+        if fault is not None and measured is not None and since >= 0.0:
+            measured, off = fault(measured, since, number)
+            number += 1
         if measured is not None:
-            stamp = time.time_ns()
+            stamp = time.time_ns() + round(off * 1e9)
             for message in ends.state(measured, stamp):
                 bus.publish(*message)
         if now >= next_valves or not np.array_equal(given > 0.0, shown > 0.0):

@@ -159,6 +159,13 @@ def test_golden_pairs_through_messages(folder, motors):
     assert np.isnan(motors(now + 0.3, now, *moving)).all()
 
 
+def test_an_estimate_that_repeats_stops_the_motors(motors):
+    own = motion({"position": (2.0, 1.0), "attitude": 0.5, "velocity": (0.0, 0.0), "spin": 0.0})
+    goal = motion({"position": (0.0, 0.0), "attitude": 0.0, "velocity": (0.0, 0.0), "spin": 0.0})
+    stopped = [bool(np.isnan(motors(0.2 * k, 0.2 * k, own, goal)).all()) for k in range(5)]
+    assert stopped == [False, False, True, True, True]
+
+
 def test_stop_shuts_the_motors(motors_of_stand_in):
     after = np.zeros(12, np.float32)
     motors_of_stand_in.library.motors_of_stop(after.ctypes.data_as(ctypes.c_void_p))

@@ -21,10 +21,10 @@ pytest.importorskip("mcap")
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import FLOATS, unpack
-from rans_robot.monitor import RULES
+from rans_robot.monitor import RULES, Link
 from rans_robot.node import fly_over, replay_bag
 from rans_robot.pilot import Decision, MessagePilot
-from rans_robot.twin import Craft, TwinPlan
+from rans_robot.twin import FAULTS, Craft, Fault, TwinPlan
 
 from rans import ConfigError, GoToPose, load_spacecraft
 from rans.base.pretrained import pretrained_folder
@@ -42,9 +42,6 @@ BEGIN = 5
 ROBOTS: tuple[RobotName, ...] = get_args(RobotName)
 PUSH = np.array([0, 0, 1.0, 0, 0, 0, 0, 1.0])
 """Two thrusters that push along one direction."""
-Fault = Callable[[Motion, float, int], tuple[Motion | None, float]]
-"""What a robot sends of a motion so many s and messages after the begin of a fault, or None, and by how many s its
-time stamp is off."""
 
 
 @pytest.fixture(scope="session")
@@ -59,20 +56,10 @@ def shifted(motion: Motion, *by: float) -> Motion:
     return motion._replace(position=motion.position + by)
 
 
-def frozen() -> Fault:
-    """The first motion of the fault, again and again."""
-    first: list[Motion] = []
-
-    def fault(motion: Motion, _: float, number: int) -> tuple[Motion, float]:
-        first[number:] = [motion] if number == 0 else []
-        return first[0], 0.0
-
-    return fault
-
-
 class Case(NamedTuple):
     rule: str
-    fault: Callable[[], Fault]
+    fault: Callable[[], Fault] | None = None
+    """None: that of the twin which has this name."""
     within: int = 2
     """Control periods until valves are shut."""
     is_of_twists: bool = False
@@ -98,31 +85,19 @@ CASES = {
     ),
     "high above": Case("plane", sends(lambda m, t, k: shifted(m, 0, 0, 5.0))),
     # Delays that grow by half a second a second are known as such when they are above the oldest age.
-    "half of real time": Case("age", lambda: lambda m, after, k: (m, -0.5 * after), within=4),
-    "twice real time": Case("pace", lambda: lambda m, after, k: (m, after)),
-    "jumps of 3 m": Case(
-        "jump",
-        sends(lambda m, t, k: shifted(m, 3.0 * (k % 2), 0, 0)),
-        behind=("observation",),
-    ),
+    "slow-link": Case("age", within=4),
+    "fast-clock": Case("pace"),
+    "two-senders": Case("jump", behind=("observation",)),
     "jumps of 1 km": Case(
         "jump",
         sends(lambda m, t, k: shifted(m, 1e3 * (k % 2), 0, 0)),
         behind=("observation",),
     ),
-    "one of five elsewhere": Case(
-        "jump",
-        sends(lambda m, t, k: shifted(m, 4.0 * (k % 5 == 2), 0, 0)),
-        behind=("observation",),
-    ),
-    "frozen": Case("still", frozen),
-    "twist of zero": Case(
-        "twist",
-        sends(lambda m, t, k: m._replace(velocity=np.zeros(3), spin=np.zeros(3))),
-        is_of_twists=True,
-        behind=("still",),
-    ),
-    "no messages": Case("age", lambda: lambda m, t, k: (None, 0.0)),
+    "outliers": Case("jump", behind=("observation",)),
+    "frozen": Case("still"),
+    "no-twist": Case("twist", is_of_twists=True, behind=("still",)),
+    "dead": Case("age"),
+    "restart": Case("age"),
 }
 
 
@@ -174,7 +149,7 @@ def leave_out(monkeypatch: pytest.MonkeyPatch, rule: str, limits: tuple[float, .
 )
 def test_a_fault_shuts_the_valves(name, robot, form, forms):
     case = CASES[name]
-    decisions = flown(forms[form], robot, case.fault())
+    decisions = flown(forms[form], robot, (case.fault or FAULTS[name])())
     assert all(opened(decisions)[: BEGIN - 1])
     assert not any(opened(decisions)[BEGIN + case.within :])
     assert all(decision.note for decision in decisions[BEGIN + case.within :])
@@ -188,7 +163,9 @@ def test_without_its_rule_a_fault_is_flown(name, forms, monkeypatch):
     for rule in case.behind:
         leave_out(monkeypatch, rule, (1e12,) * 4)
     robot: RobotName = "ros" if case.is_of_twists else "pose"
-    assert any(opened(flown(forms["onnx"], robot, case.fault()))[BEGIN + case.within :])
+    assert any(
+        opened(flown(forms["onnx"], robot, (case.fault or FAULTS[name])()))[BEGIN + case.within :]
+    )
 
 
 # What an agent observes, and what it answers
@@ -261,6 +238,20 @@ def test_no_number_of_a_contract_widens_a_limit(value, agent, tmp_path):
         # What is read is tighter, or the other end of a range that still holds the craft's goal.
         assert place(read)[0][place(read)[1]] == 0.0 or abs(was * value) <= abs(was)
         assert key in (0, 1)
+
+
+@pytest.mark.parametrize("is_left_out", [False, True])
+def test_what_waited_in_a_link_is_dropped(is_left_out, monkeypatch):
+    """Fifteen commands come at once when a link goes on after 3 s, and then new ones."""
+    if is_left_out:
+        leave_out(monkeypatch, "link", (1e9,))
+    sent = [NOW + k * SECOND // 5 for k in range(40)]
+    came = [max(when, sent[25]) if k >= 10 else when for k, when in enumerate(sent)]
+    monkeypatch.setattr("rans_robot.monitor.time.monotonic_ns", iter(came).__next__)
+    link = Link()
+    fresh = [link.is_fresh(when) for when in sent]
+    # Those of the last half second are no older than what a twin holds.
+    assert fresh == [is_left_out or not 10 <= k < 23 for k in range(40)]
 
 
 # The time to decide

@@ -10,7 +10,8 @@
 /*@RANGES*/static const float valid_low[RANS_OBSERVATION] = {-1.0F};
 static const float valid_high[RANS_OBSERVATION] = {1.0F};
 static const float refused_low[RANS_OBSERVATION] = {-9.0F};
-static const float refused_high[RANS_OBSERVATION] = {9.0F};/*@*/
+static const float refused_high[RANS_OBSERVATION] = {9.0F};
+static const float pushes[RANS_COMMANDS * 6] = {1.0F};/*@*/
 
 /*@TABLES*/static const float t_gain[2] = {0.5F, 0.25F};/*@*/
 
@@ -34,18 +35,31 @@ static void forget(rans_agent *agent)
 /*@FORGET*/    for (int i = 0; i < RANS_MEMORY; ++i) { agent->memory[i] = 0.0F; }/*@*/
 }
 
+/* Whether a command pushes or turns the spacecraft, so that readings cannot stay as they are. */
+static int is_pushed(const float command[RANS_COMMANDS])
+{
+    for (int axis = 0; axis < 6; ++axis) {
+        float sum = 0.0F;
+        for (int i = 0; i < RANS_COMMANDS; ++i) { sum += pushes[6 * i + axis] * command[i]; }
+        if (sum > 1e-6F || sum < -1e-6F) { return 1; }
+    }
+    return 0;
+}
+
 void rans_agent_reset(rans_agent *agent)
 {
     forget(agent);
     for (int i = 0; i < RANS_OBSERVATION; ++i) { agent->last[i] = 0.0F; }
     agent->held = RANS_PATIENCE; /* at first there is no reading */
+    agent->pushed = 0;
     agent->ready = READY;
 }
 
 int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION], float command[RANS_COMMANDS])
 {
     int status = 0;
-    int fresh = 1;
+    int still = agent->pushed && memcmp(agent->last, observation, sizeof agent->last) == 0;
+    int fresh = !still;
     int sound = 1;
 /*@SCRATCH*/    float after[RANS_MEMORY];
 /*@*/    if (agent->ready != READY || agent->held < 0 || agent->held > RANS_PATIENCE + 1) {
@@ -66,6 +80,7 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
     if (agent->held > RANS_PATIENCE) {
         forget(agent);
         for (int i = 0; i < RANS_COMMANDS; ++i) { command[i] = 0.0F; }
+        agent->pushed = still; /* until another reading comes */
         return RANS_SHUT;
     }
     if (!fresh) { status |= RANS_HELD; }
@@ -83,7 +98,8 @@ int rans_agent_act(rans_agent *agent, const float observation[RANS_OBSERVATION],
 /*@CHECKAFTER*/    for (int i = 0; i < RANS_MEMORY; ++i) {
         if (!is_finite(&after[i])) { sound = 0; }
     }
-/*@*/    if (!sound) {
+/*@*/    agent->pushed = sound && is_pushed(command);
+    if (!sound) {
         forget(agent);
         for (int i = 0; i < RANS_COMMANDS; ++i) { command[i] = 0.0F; }
         return status | RANS_SHUT/*@FORGOTTEN*/ | RANS_FORGOTTEN/*@*/;

@@ -30,7 +30,7 @@ extern "C" {
 #define RANS_MEMORY /*@MEMORY*/1/*@*/
 
 /* What rans_agent_act returns: a sum of these, 0 where all is well. */
-#define RANS_HELD 1      /* the observation was no reading: the last one was held */
+#define RANS_HELD 1      /* the observation was no reading, or repeats under thrust: the last one was held */
 #define RANS_SHUT 2      /* no reading is young enough, or the answer is not finite: all commands are 0 */
 #define RANS_FORGOTTEN 4 /* the memory was not finite and is forgotten */
 #define RANS_UNTRIED 8   /* the agent was not tried with such an observation */
@@ -45,6 +45,7 @@ typedef struct {
     float memory[/*@KEPT*/1/*@*/];
     float last[RANS_OBSERVATION];
     int held; /* control periods since a reading */
+    int pushed; /* whether the last command pushes or turns the spacecraft */
 } rans_agent;
 
 /* Begin an episode: what the agent remembers is forgotten. */

@@ -131,6 +131,11 @@ def test_readings_that_are_none_are_held_and_then_shut(folder, unit):
     assert unit.getInteger([18])[0] & 1
     assert not stepped(unit, nothing, 0.4).any()
     assert unit.getInteger([18])[0] & 2
+    # Nor is one that repeats under thrust.
+    unit.reset()
+    unit.setupExperiment(startTime=0.0)
+    opened = [bool(stepped(unit, row, 0.2 * k).any()) for k in range(5)]
+    assert opened == [True, True, False, False, False]
 
 
 @pytest.mark.slow
