@@ -11,6 +11,7 @@ import numpy as np
 import onnxruntime
 import pytest
 import torch
+from onnx import helper
 from rans_foreign_policies.policies import OnnxPolicy, policy_of
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv, VecFrameStack
@@ -220,6 +221,28 @@ def test_a_network_that_hides_its_states_is_refused(tmp_path):
     rows = {"obs": ("N", 10)}, {"actions": ("N", 8)}
     file.write_bytes(model_of(nodes, *rows, axes=np.array([0]), **tables))
     with pytest.raises(ConfigError, match=r"has a memory \(LSTM\) that it neither takes nor gives"):
+        user_policy(f"onnx:{file}", CRAFT, TASK)
+
+
+def test_a_network_that_may_take_any_time_is_refused(tmp_path):
+    copies = [helper.make_node("Identity", [a], [b]) for a, b in (("go", "on"), ("at", "then"))]
+    taken, given = (
+        [helper.make_tensor_value_info(name, kind, []) for name, kind in ports]
+        for ports in ((("k", 7), ("go", 9), ("at", 1)), (("on", 9), ("then", 1)))
+    )
+    loop = node(
+        "Loop", "count go0 one", "end", body=helper.make_graph(copies, "body", taken, given)
+    )
+    nodes = [loop, node("Mul", "obs end", "actions")]
+    file = tmp_path / "loop.onnx"
+    tables: dict[str, Any] = {
+        "count": np.array(2 * 10**9),
+        "go0": np.array(True),
+        "one": np.array(1.0),
+    }
+    ports = {"obs": ("N", 10)}, {"actions": ("N", 10)}
+    file.write_bytes(model_of(nodes, *ports, **tables))
+    with pytest.raises(ConfigError, match="has a Loop, which may take any time"):
         user_policy(f"onnx:{file}", CRAFT, TASK)
 
 

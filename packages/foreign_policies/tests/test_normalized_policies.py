@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import importlib
 import pickle
 import shutil
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+import torch
 from rans_foreign_policies.policies import policy_of
 from stable_baselines3 import A2C, PPO, SAC, TD3
+from stable_baselines3.common.policies import BasePolicy
+from stable_baselines3.common.save_util import save_to_zip_file
 from stable_baselines3.common.vec_env import VecNormalize
 
 import rans
@@ -126,3 +131,38 @@ def test_statistics_of_another_policy_are_refused(folder, tmp_path):
     VecNormalize(other).save(str(tmp_path / "vecnormalize.pkl"))
     with pytest.raises(ConfigError, match=r"has \(10,\): it is another policy's"):
         user_policy(f"sb3:{tmp_path / 'model.zip'}", CRAFT, GoToPose(), trust=True)
+
+
+class Direct(BasePolicy):
+    """A policy whose constructor takes no schedule, as those of sb3-contrib's ARS."""
+
+    def __init__(self, observation_space: Any, action_space: Any, units: int = 8) -> None:
+        super().__init__(observation_space, action_space)
+        self.layer = torch.nn.Linear(observation_space.shape[0], units)
+
+    def _predict(self, observation: Any, deterministic: bool = False) -> Any:
+        return (self.layer(observation) > 0.0).long()
+
+
+@pytest.mark.parametrize("prefix", ["", "_orig_mod."])  # the second is torch.compile's
+def test_a_policy_is_made_as_its_class_is(prefix, tmp_path):
+    environment = rans.SB3VecEnv(rans.Engine(CRAFT, GoToPose(), 2))
+    spaces = {name: getattr(environment, name) for name in ("observation_space", "action_space")}
+    policy = Direct(**spaces)
+    data = {"policy_class": Direct, "policy_kwargs": {"units": 8}, **spaces}
+    weights = {f"{prefix}{name}": x for name, x in policy.state_dict().items()}
+    save_to_zip_file(tmp_path / "ars.zip", data, {"policy": weights})
+    loaded = user_policy(f"sb3:{tmp_path / 'ars.zip'}", CRAFT, GoToPose(), trust=True)
+    seen = np.random.default_rng(0).normal(size=(4, 10)).astype(np.float32)
+    np.testing.assert_array_equal(loaded.act(None, None, seen), policy.predict(seen)[0])
+
+
+def test_a_package_that_is_missing_is_named(tmp_path):
+    class Gone:
+        def __reduce__(self) -> Any:
+            return importlib.import_module, ("gone_with_gym",)
+
+    data = {"policy_class": Gone(), "observation_space": 0, "action_space": 0}
+    save_to_zip_file(tmp_path / "old.zip", data, {})
+    with pytest.raises(ConfigError, match="gone_with_gym"):
+        user_policy(f"sb3:{tmp_path / 'old.zip'}", CRAFT, GoToPose(), trust=True)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
 from rans.base import files
-from rans.base.errors import ConfigError, brief, is_finite, meant_file, one_line, whole
+from rans.base.errors import ConfigError, RansWarning, brief, is_finite, meant_file, one_line, whole
 from rans.base.pretrained import FOR_ANY_CRAFT
 from rans.fast.agent_files.agent import AGENT
 from rans.fast.agent_files.tensors import pack_tensors, unpack_tensors
@@ -83,6 +85,7 @@ class RunFolder:
             self._check_new(text)  # another process may have begun in between
             files.write_text(self.spacecraft_file, text)
             about: dict[str, Any] = {"command": command, "environment": files.environment()}
+            about["spacecraft"] = self._craft_hash()
             agent = (config.begin_from or "").removeprefix("pretrained:")
             if agent.startswith(tuple(FOR_ANY_CRAFT.values())):
                 about["method"] = f"imitation of {agent}, then {config.algorithm}"
@@ -166,7 +169,21 @@ class RunFolder:
             raise ConfigError(
                 f"{self.path} lacks its spacecraft.toml: copy the whole folder again."
             )
-        return read_spacecraft(self.spacecraft_file)
+        craft = read_spacecraft(self.spacecraft_file)
+        if self.config_file.exists():
+            with files.reading(self.config_file) as table:
+                before = table.get("about", {}).get("spacecraft", "")
+            if before and before != self._craft_hash():
+                warnings.warn(
+                    f"{self.spacecraft_file} is not the file of the training: figures are those of the agent on "
+                    "another spacecraft.",
+                    RansWarning,
+                    stacklevel=2,
+                )
+        return craft
+
+    def _craft_hash(self) -> str:
+        return hashlib.sha256(files.read_text(self.spacecraft_file).encode()).hexdigest()
 
     def append_metrics(self, row: dict[str, Any]) -> None:
         """Add one row to ``metrics.jsonl``; ConfigError if it cannot be written."""

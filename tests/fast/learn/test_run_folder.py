@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from rans import ConfigError
+from rans import ConfigError, RansWarning
 from rans.base.files import LOCK, write_text
 from rans.fast.learn.run_folder import RunFolder, read_config
 from tests.support.training import CONFIG
@@ -41,6 +41,9 @@ def test_the_spacecraft_is_the_one_of_then(tmp_path):
     run.begin(replace(CONFIG, spacecraft=str(file)), "rans train")
     file.unlink()
     assert run.spacecraft().mass == 7.25
+    run.spacecraft_file.write_text(run.spacecraft_file.read_text().replace("7.25", "14.5"))
+    with pytest.warns(RansWarning, match=r"spacecraft\.toml is not the file of the training"):
+        assert run.spacecraft().mass == 14.5
 
 
 def test_a_run_is_not_begun_twice(run):
