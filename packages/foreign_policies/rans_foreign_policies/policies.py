@@ -145,12 +145,10 @@ def _check_wrappers(who: str, policy: Any) -> None:
 
 _RECURRENT = ("RNN", "LSTM", "GRU", "RNNCell", "LSTMCell", "GRUCell")
 """Layers with a state, as torch and ONNX name them."""
-_BATCH_DEPENDENT = ("Dropout", "BatchNorm")
-"""Beginnings of the names of layers that answer otherwise in training."""
 
 
 def _check_module(who: str, module: Any) -> None:
-    """Refuse (`ConfigError`) a torch module whose memory is out of reach, or which is in training mode."""
+    """Refuse (`ConfigError`) a torch module whose memory is out of reach."""
     for layer in getattr(module, "modules", list)():
         # A module of TorchScript has one class for all layers, and the layer's own name.
         kind = getattr(layer, "original_name", type(layer).__name__)
@@ -159,10 +157,6 @@ def _check_module(who: str, module: Any) -> None:
                 f"{who} has a memory ({kind}), and a module is asked with the observation alone: give an "
                 "object whose predict(observation, state, episode_start, deterministic) returns actions and the "
                 "state after them."
-            )
-        if kind.startswith(_BATCH_DEPENDENT) and getattr(layer, "training", False):
-            raise ConfigError(
-                f"{who} is in training mode and has a {kind}, which answers otherwise then: call its eval() first."
             )
 
 

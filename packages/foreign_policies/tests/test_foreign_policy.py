@@ -58,15 +58,6 @@ def test_a_memory_lasts_from_one_period_to_the_next_and_ends_with_the_episode():
         assert opened(policy) == [[k] * 6 for k in (1, 2, 3, 4, 5)]
 
 
-def test_an_agent_of_it_gives_its_memory_away():
-    agent = rans.load_agent(Counting(), "go-to-pose")
-    _, state = agent.predict(STEPS[0])
-    _, state = agent.predict(STEPS[1], state)
-    starts = np.array([True, False] * 3)
-    assert agent.predict(STEPS[2], state, starts)[0].sum(axis=1).tolist() == [1, 3] * 3
-    assert agent.evaluate(episodes=4)["solved"].value == 0.0
-
-
 class Forgetful:
     def predict(self, observation: Any, deterministic: bool = True) -> Any:
         return np.zeros((len(observation), 8)), (observation,)
@@ -106,10 +97,6 @@ def scripted() -> Any:
     [
         (Recurrent, r"the Recurrent has a memory \(GRU\)"),
         (scripted, r"has a memory \(GRU\)"),
-        (
-            lambda: torch.nn.Sequential(torch.nn.Linear(10, 8), torch.nn.Dropout()),
-            r"training mode and has a Dropout.*eval\(\)",
-        ),
     ],
 )
 def test_modules_of_torch_with_what_is_out_of_reach(module, sentence):

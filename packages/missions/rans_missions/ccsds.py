@@ -40,15 +40,11 @@ _ECCENTRICITY = 0.01
 """Eccentricity above which an orbit does not count as circular: Clohessy-Wiltshire's equations are then as wrong as
 at a distance of a hundredth of the radius."""
 _STATE = ("X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT")
-_LEAPS = [
-    (int(year), 7 if half == "j" else 1)
-    for year, half in re.findall(
-        r"(\d+)(j|)",
-        "1972j 1973 1974 1975 1976 1977 1978 1979 1980 1981j 1982j 1983j 1985j 1988 1990 1991 1992j 1993j 1994j "
-        "1996 1997j 1999 2006 2009 2012j 2015j 2017",
-    )
-]
-"""Years and months before whose first day UTC had a leap second, up to 2026: j is July (IERS, Bulletin C)."""
+_LEAPS = (
+    "1972-07 1973-01 1974-01 1975-01 1976-01 1977-01 1978-01 1979-01 1980-01 1981-07 1982-07 1983-07 1985-07 "
+    "1988-01 1990-01 1991-01 1992-07 1993-07 1994-07 1996-01 1997-07 1999-01 2006-01 2009-01 2012-07 2015-07 2017-01"
+)
+"""Months before whose first day UTC had a leap second, up to 2026 (IERS, Bulletin C)."""
 
 
 @dataclass(frozen=True)
@@ -125,11 +121,11 @@ def write_ccsds(
         raise ConfigError(
             f"the flight begins at the epoch {start:%Y-%m-%d} and ends after the year 9999, the last one."
         ) from None
-    for year, month in _LEAPS:
-        if instants[0] < datetime(year, month, 1, tzinfo=UTC) <= instants[-1]:
+    for month in _LEAPS.split():
+        if instants[0] < _instant(f"{month}-01T00:00", "") <= instants[-1]:
             raise ConfigError(
-                f"UTC has a leap second before {year}-{month:02}-01, which instants of CCSDS count and this flight "
-                "does not: choose another epoch."
+                f"UTC has a leap second before {month}-01, which instants of CCSDS count and this flight does not: "
+                "choose another epoch."
             )
     columns = [*flight.states.p.columns(), *flight.states.v.columns()]
     states = np.stack([x[: steps + 1, episode] for x in columns], axis=1)

@@ -109,7 +109,7 @@ class UserPolicy:
             raise ConfigError(
                 f"{self.name} answers the same observations differently a second time: the usual causes are a "
                 "dropout, an action that is sampled, and a state that it keeps itself. Give the deterministic "
-                "policy, in evaluation mode; one with a memory takes and gives it in predict."
+                "policy, in evaluation mode, as by eval(); one with a memory takes and gives it in predict."
             )
         # Sums in another order differ by rounding, which may turn a choice between 0 and 1 in one of several.
         if sum(off(slice(k, k + 1)) for k in range(min(_ALONE, len(observation)))) > 1:

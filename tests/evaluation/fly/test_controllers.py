@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import pickle
 import sys
-from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from gymnasium.spaces import Box, MultiBinary, MultiDiscrete
-from rans_foreign_policies.policies import OnnxPolicy
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import DummyVecEnv
 
@@ -26,7 +23,7 @@ from rans.evaluation.fly.controllers import CONTROLLERS
 from rans.evaluation.fly.episodes import fly_episodes
 from rans.evaluation.fly.make_controller import controller
 from rans.evaluation.fly.policy_text import is_user_policy
-from rans.evaluation.fly.user_policy import UserPolicy, user_policy
+from rans.evaluation.fly.user_policy import user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from rans.tasks import GoToPose, Task
 from tests.support.strangers import trapped_weights
@@ -207,46 +204,3 @@ def test_onnx_needs_its_package(monkeypatch, tmp_path):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(MissingPackage, match=r"onnxruntime.*pip install .*\[onnx\]"):
         user_policy(f"onnx:{tmp_path / 'policy.onnx'}", CRAFT, GoToPose())
-
-
-class _Answers:
-    """Stands in for a session of ONNX Runtime with a batch of any size."""
-
-    def __init__(self, answer: Callable[[np.ndarray], np.ndarray]) -> None:
-        self._answer = answer
-
-    def get_inputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name="observation", shape=["N", 10], type="tensor(float)")]
-
-    def get_outputs(self) -> list[SimpleNamespace]:
-        return [SimpleNamespace(name="command", shape=["N", 8], type="tensor(float)")]
-
-    def run(self, _: None, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
-        return [self._answer(inputs["observation"])]
-
-
-def test_a_network_answers_each_observation_for_itself():
-    """Asked twice and once alone: a batch mean and a random number show, a function of the row does not."""
-    seen = np.random.default_rng(3).normal(size=(32, 10)).astype(np.float32)
-    random = np.random.default_rng(4)
-
-    def asked(answer: Any) -> np.ndarray:
-        network = OnnxPolicy(_Answers(answer))
-        return UserPolicy(
-            "onnx:it.onnx", network, load_spacecraft("floating-platform"), GoToPose()
-        ).decide(seen, None)[0]
-
-    def by_row(rows):
-        return (rows[:, :8] > 0.0).astype(np.float32)
-
-    def mixed(rows):
-        return (rows[:, :8] > rows[:, :8].mean(axis=0)).astype(np.float32)
-
-    def sampled(rows):
-        return (random.random((len(rows), 8)) < 0.5).astype(np.float32)
-
-    np.testing.assert_array_equal(asked(by_row), by_row(seen))
-    with pytest.raises(ConfigError, match=r"it\.onnx answers an observation alone otherwise"):
-        asked(mixed)
-    with pytest.raises(ConfigError, match=r"it\.onnx answers the same observations differently"):
-        asked(sampled)

@@ -40,10 +40,9 @@ class TeamEnv(ParallelEnv):
         self._craft = load_spacecraft(spacecraft)
         # Generated programs of float32 step rows that do not depend on one another.
         count = self._task.deputies
-        self._engine = Engine(self._craft, self._task, count, dtype=torch.float64)
+        seed = int(np.random.default_rng().integers(2**63))
+        self._engine = Engine(self._craft, self._task, count, seed=seed, dtype=torch.float64)
         self._actions = Actions(self._engine)
-        self._seeds = np.random.default_rng()
-        self._is_begun = False
         self.possible_agents = [f"deputy_{k}" for k in range(count)]
         self.agents: list[str] = []
         # Some libraries read these dicts, others call the methods.
@@ -68,10 +67,7 @@ class TeamEnv(ParallelEnv):
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, dict[str, Any]]]:
         """Begin an episode: the first of a seed, or the next one, at first of a random seed."""
-        if seed is None and not self._is_begun:
-            seed = int(self._seeds.integers(2**63))
         observations = self._observed(self._engine.reset(seed))
-        self._is_begun = True
         self.agents = [*self.possible_agents]
         return observations, {agent: {} for agent in self.agents}
 
