@@ -189,7 +189,7 @@ def test_sb3_file_for_something_else(tmp_path, space, width, sentence):
         ("python:tests.support.policies:PI", "is a float, no function"),
         ("python:no_such_module:act", "cannot be imported: ModuleNotFoundError"),
         ("python:tests.support.policies", "must name a module and a function"),
-        ("python:", "there is no policy 'python:'; known are sb3:"),
+        ("python:", "there is no policy 'python:'; known are onnx:"),
         ("sb3:/no/such.zip", "there is no file /no/such.zip"),
         (f"sb3:{__file__}", r"sb3:.*\.py is a pickle: .* add --trust"),
     ],
