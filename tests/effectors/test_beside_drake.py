@@ -34,6 +34,7 @@ OF_KINDS: dict[str, Any] = {
     "fan": {"further_effectors": (Fan(0.3, PLACE),)},
     "torquer": {"further_effectors": (Torquer((0.0, 0.6, 0.8), 0.05, 1.5),)},
     "slosh": {"further_effectors": (Slosh(0.4, 0.1, PLACE, (-1.0, 0.0, 0.0), 2e-3),)},
+    "thrusters": {},
     "wheel": {"wheels": (Wheel((0.0, 0.0, 1.0), 0.05, 0.08, 1e-3),)},
 }
 """What each kind adds to a craft; those of the example and of tests are registered by nobody."""
@@ -63,6 +64,8 @@ def flown_alike(kind: str, dimension: int, burns: bool, conditions: Conditions) 
     ours = fly(craft, task, scripted(craft), starts, timing, **given)
     drakes = fly_in_drake(craft, task, scripted(craft), starts, timing, **given, max_step=0.01)
     assert max(gap(drakes.states, ours.states).values()) < TOLERANCE
+    if kind == "thrusters":
+        return
     # And it is felt: without its kind the craft goes elsewhere.
     bare = replace(craft, further_effectors=(), wheels=())
     played = Played(lambda step, _: ours.commands[step][:, : len(bare.commands)])
@@ -84,7 +87,8 @@ def refuses(kind: str, dimension: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("kind", "dimension"), [("fan", 2), ("torquer", 2), ("slosh", 2), ("wheel", 2), ("fan", 3)]
+    ("kind", "dimension"),
+    [("fan", 2), ("torquer", 2), ("slosh", 2), ("wheel", 2), ("fan", 3), ("thrusters", 3)],
 )
 def test_what_a_period_does_to_a_push_is_done_to_every_one(kind, dimension):
     flown_alike(kind, dimension, not refuses(kind, dimension), CHANGED)

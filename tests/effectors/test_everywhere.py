@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -22,9 +21,8 @@ from rans.fast.flights import Flights
 from rans.model.accuracy import chosen
 from rans.model.fields import leaves
 from rans.policy.network import Network
-from rans.reference.flight import DrakeMover
 from tests.support.effector_crafts import WHEELED, commands
-from tests.support.effector_flights import ALL, BOTH, scripted, task_of, untrained_policy
+from tests.support.effector_flights import ALL, BOTH, task_of, untrained_policy
 from tests.support.played import Played
 from tests.support.scripts import module_of
 from tests.support.torquer import TURNED, TURNED_IN_SPACE
@@ -59,30 +57,6 @@ def test_an_episode_begins_with_full_tanks_and_still_wheels(craft):
         given = [torch.from_numpy(commands(craft, 8, seed=k)).float() for k in range(3)]
         steps = [engine.step(action) for action in given]
         assert steps[-1].truncated.all()
-
-
-def flown_alike(
-    craft: Spacecraft, timing: Timing, count: int, tolerance: float, **given: Any
-) -> np.ndarray:
-    """The first store of a flight that RANS and Drake agree about."""
-    task = rans.load_task(task_of(craft))
-    starts = scenarios(task, craft, 5, count)
-    ours, drake = (
-        fly(craft, task, scripted(craft), starts, timing, mover, **given)
-        for mover in (None, DrakeMover(craft, timing))
-    )
-    np.testing.assert_array_equal(ours.commands, drake.commands)
-    for one, other in zip(leaves(ours.states), leaves(drake.states), strict=True):
-        np.testing.assert_allclose(one, other, rtol=0, atol=tolerance)
-    return ours.states.stores[0]
-
-
-@pytest.mark.parametrize("craft", [*ALL[::2], *OWN], ids=[*NAMES[:5:2], *NAMES[5:]])
-def test_drake_flies_an_episode_alike(craft):
-    timing = Timing(episode_steps=8, checks=2)
-    store = flown_alike(craft, timing, 3, 2e-6 if craft in OWN else 2e-5)
-    assert store.shape == (9, 3)
-    assert np.ptp(store) > 1e-3
 
 
 @pytest.fixture(scope="module", params=[0, 1, 4], ids=["cubesat", "lander", "both"])

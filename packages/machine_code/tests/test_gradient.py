@@ -9,6 +9,7 @@ from rans.base.errors import RansWarning
 from rans.fast.learn.ppo import PPOLearner, losses
 from rans.fast.learn.rollout import minibatches
 from rans.model.fields import absolute, within
+from rans.policy.heads import OnOff
 from tests.support.training import MACHINE_CODE_CASES, collected, tiny_learner
 
 
@@ -41,6 +42,13 @@ def test_gradients_are_autograds(craft, settings, kind):
         start = network.tensors[name].storage_offset()
         own = learner.adam.gradient[start : start + gradient.numel()].view(gradient.shape)
         assert (own - gradient).norm() <= 1e-5 * gradient.norm(), name
+
+
+def test_a_head_that_has_changed_is_left_to_autograd_and_says_so(monkeypatch):
+    usual = OnOff.log_prob
+    monkeypatch.setattr(OnOff, "log_prob", lambda self, action: 1.01 * usual(self, action))
+    with pytest.warns(RansWarning, match="head has changed"):
+        assert tiny_learner().backend is None
 
 
 def test_a_loss_that_is_no_arithmetic_is_left_to_autograd_and_says_so():

@@ -59,7 +59,7 @@ both = pytest.mark.parametrize("liquid", [PLANE, SPACE], ids=["plane", "space"])
 
 
 @both
-@pytest.mark.parametrize("how", ["free", "wheels and gravity", "drawn"])
+@pytest.mark.parametrize("how", ["wheels and gravity", "drawn"])
 def test_drake_flies_it_alike(liquid, how):
     """A point mass on a revolute or universal joint with friction, in Drake's own multibody equations."""
     is_falling = how == "wheels and gravity"
