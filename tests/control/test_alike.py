@@ -12,9 +12,8 @@ from rans_optimal.mpc import MPC
 from rans import LQR, TASKS, GoToPose, Timing, TrackTwist
 from rans.control.switching import Curve, Switching
 from rans.episode.flight import fly
-from rans.episode.scenario import EVALUATION_SEED, Scenario, scenarios
+from rans.episode.scenario import EVALUATION_SEED, scenarios
 from rans.evaluation.measure.metrics import final_errors, settling_times
-from rans.model.fields import map_leaves
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.crafts import nasty_spatial
 
@@ -56,19 +55,6 @@ def test_settles_from_every_start(kind, name, craft):
     # A shared supply accelerates a quarter as much: twice the time for a way, up to 4 times for a speed.
     assert np.median(settled) < SLOWEST[name] * (2.5 if craft is SHARED else 1.0)
     assert getattr(controller, "failures", 0) == 0
-
-
-@pytest.mark.parametrize("kind", [LQR, MPC, Switching], ids=name_of)
-def test_a_batch_is_its_flights(kind):
-    timing = Timing(episode_steps=20)
-    starts = scenarios(TASK, PLATFORM, 23, 3)
-    together = fly(PLATFORM, TASK, kind(PLATFORM, TASK, timing), starts, timing).commands
-    for k in range(3):
-        one = Scenario(
-            *(map_leaves(lambda x, k=k: x[k : k + 1], s) for s in (starts.start, starts.goal))
-        )
-        alone = fly(PLATFORM, TASK, kind(PLATFORM, TASK, timing), one, timing).commands
-        assert np.array_equal(alone[:, 0], together[:, k])
 
 
 @pytest.mark.slow
