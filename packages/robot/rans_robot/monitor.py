@@ -15,7 +15,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import le
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,9 +25,6 @@ from rans.extend import Spacecraft, brief, is_finite
 from rans_robot.frames import Motion, small_turns
 from rans_robot.messages import read_table
 from rans_robot.velocity import VelocityFilter
-
-if TYPE_CHECKING:
-    from rans_robot.bus import Bus
 
 
 class Rule(NamedTuple):
@@ -884,7 +881,7 @@ class Valves:
     """
 
     def __init__(
-        self, bus: Bus, period: float, shut: list[Any], stopped: Callable[[], bool]
+        self, bus: Any, period: float, shut: list[Any], stopped: Callable[[], bool]
     ) -> None:
         self._bus = bus
         self._share = round(RULES["time"].limits[0] * period * 1e9)
