@@ -64,7 +64,8 @@ OBSERVATION_TOLERANCE = 1e-4
 ten metres is a hundredth of it."""
 _FRAMES = {
     "W": "at rest (or, on an orbit, the Hill frame: x outwards, y along the track, z across); right-handed",
-    "B": "fixed to the spacecraft: origin at its centre of mass, axes of spacecraft.toml; right-handed",
+    "B": "fixed to the spacecraft: origin at its centre of mass, with a full tank where that has a place; axes of "
+    "spacecraft.toml; right-handed",
 }
 
 
@@ -203,7 +204,7 @@ def contract(
         # How to test an integration, and what made these files.
         "golden": "golden.json: observation and command of flights, row after row, with the state and the "
         "goal that the observation is of; wiring has states and goals that differ in everything. Of both: "
-        "position (m) and velocity (m/s) of the centre of mass in W; attitude, the heading in rad or in space "
+        "position (m) and velocity (m/s) of B's origin in W; attitude, the heading in rad or in space "
         "the unit quaternion w, x, y, z of R_WB; spin, the angular velocity in B, rad/s; notes, further "
         "numbers of a goal by name; stores, such as the momentum of each wheel, N m s.",
         "units": {

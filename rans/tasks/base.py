@@ -56,7 +56,13 @@ class Task(Settings, ABC):
         """
         if isinstance(task, cls):
             return task
-        raise ConfigError(f"{purpose}, and {type(task).__name__} is not one.")
+        from rans.tasks import registered_name
+
+        name = registered_name(task) or "TASK"
+        raise ConfigError(
+            f"{purpose}, and {type(task).__name__} is not one: lqr flies most tasks, and rans train {name} makes "
+            "an agent."
+        )
 
     symmetric: ClassVar[bool] = True
     """Whether policies exploit the symmetry of the spacecraft by default (docs/decisions/learning.md)."""

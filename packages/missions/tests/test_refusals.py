@@ -81,7 +81,10 @@ CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: Circumnavigation(PLATFORM, GoToPose()), "inspections, and GoToPose is not one"),
     (lambda: Circumnavigation(DEPUTY, Inspect(view_degrees=60.0)), "must be 90, got 60"),
     (lambda: Corridor(PLATFORM, GoToPose()), "final approaches, and GoToPose is not one"),
-    (lambda: PassiveApproach(PLATFORM, GoToPose()), "hold points, and GoToPose is not one"),
+    (
+        lambda: PassiveApproach(PLATFORM, GoToPose()),
+        "hold points, and GoToPose is not one: lqr flies most tasks, and rans train go-to-pose",
+    ),
     (lambda: ConvexGuidance(PLATFORM, GoToPose()), "missions on an orbit"),
     (lambda: ConvexGuidance(DEPUTY, Dock(orbit=ELLIPSE)), "changes along the orbit"),
     (lambda: MissionGuidance(LANDER, Dock()), "one throttled or pulsed thruster either way"),
