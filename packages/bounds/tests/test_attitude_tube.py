@@ -14,7 +14,7 @@ from scipy.optimize import linprog
 from scipy.spatial.transform import Rotation
 
 from rans import Spacecraft, Thruster
-from rans.model.fields import Quat, Vec3
+from rans.model.fields import Heading, Quat, Vec3
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.bounded_flights import PERIOD, flight, random_craft
 from tests.support.states import planar, spatial
@@ -171,6 +171,13 @@ def _diagonal(moments: np.ndarray) -> Any:
     return tuple(tuple(row) for row in np.diag(moments).tolist())
 
 
+def aside(attitude: Any, angle: float) -> Any:
+    """The attitude turned by an angle about z."""
+    if isinstance(attitude, Heading):
+        return Heading(attitude.angle + angle)
+    return attitude.times(Quat(math.cos(0.5 * angle), 0.0, 0.0, math.sin(0.5 * angle)))
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_no_random_flight_is_below_its_bound(dimension):
@@ -184,6 +191,11 @@ def test_no_random_flight_is_below_its_bound(dimension):
         start, goal, spent, steps = found
         time = steps * PERIOD
         bound = attitude_tube.least_impulse(craft, start, goal, time, EXACT)
+        assert bound <= spent * (1.0 + 1e-9) + 1e-9
+        # Nor below that of a goal which it misses by the tolerance of the attitude.
+        missed = replace(goal, attitude=aside(goal.attitude, 0.3))
+        wide = GoalSet(0.0, 0.0, 0.3 + 1e-9, 0.0)
+        bound = attitude_tube.least_impulse(craft, start, missed, time, wide)
         assert bound <= spent * (1.0 + 1e-9) + 1e-9
         # Neither is this flight excluded, which is what a least time rests on.
         assert not attitude_tube._excluded(craft, start, goal, time, EXACT)

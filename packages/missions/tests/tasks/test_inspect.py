@@ -87,3 +87,12 @@ def test_the_mission_is_won_with_95_points():
     for count, won in ((95, False), (96, True)):
         notes = replace(goal(task, 0.0).notes, count=float(count))
         assert bool(task.done(at(50.0, 0.0, 0.0), replace(goal(task, 0.0), notes=notes))) is won
+
+
+def test_points_stand_on_a_lattice_of_even_heights():
+    """Four points at heights of 3/4, 1/4 and below, each the golden angle of 137.5 degrees beyond the last."""
+    normals = np.array(Inspect(points=4).normals)
+    np.testing.assert_allclose(normals[:, 2], [0.75, 0.25, -0.25, -0.75])
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0)
+    angles = np.degrees(np.arctan2(normals[:, 1], normals[:, 0])) % 360.0
+    np.testing.assert_allclose(angles, [0.0, 137.508, 275.016, 52.523], atol=1e-3)
