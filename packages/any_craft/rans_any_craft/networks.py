@@ -8,14 +8,13 @@ other than the principal axes is left to feedback.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 import torch
 
-from rans import GoToPose, RansWarning
+from rans import GoToPose
 from rans.extend import ConfigError, Network, Spacecraft, brief
 from rans_any_craft.allocated import (
     CONTINUOUS,
@@ -34,21 +33,6 @@ from rans_any_craft.twists import authority_margin, balanced, cone_pushes, reach
 
 LEAST_MARGIN = 0.25
 """Least `rans_any_craft.twists.authority_margin` in the training."""
-RANGES = {
-    2: {
-        ("control period", "s"): (0.1, 0.2),
-        ("least linear authority", "m/s^2"): (0.015, 0.7),
-        ("least angular authority", "rad/s^2"): (0.15, 8.0),
-        ("authority margin", ""): (LEAST_MARGIN, math.inf),
-    },
-    3: {
-        ("control period", "s"): (0.1, 1.0),
-        ("least linear authority", "m/s^2"): (0.008, 0.7),
-        ("least angular authority", "rad/s^2"): (0.012, 6.0),
-        ("authority margin", ""): (LEAST_MARGIN, math.inf),
-    },
-}
-"""Ranges of the craft that the shipped agents were trained on, by dimension and by quantity with its unit."""
 COAST = 3.0
 """Control periods for which a craft coasts near the goal. Of 0, 2, 3, 5 and 8 this saves impulse on random layouts
 of on/off thrusters in the plane and costs no time; in space of 3, 5 and 8 it saves most of the free flyer's.
@@ -71,8 +55,6 @@ _ALONE = 0.3
 _HEAVIER = math.sqrt(2.0)
 """Time that twice the mass takes over that of a file's: an agent that adapts has it for a mass of which it does not
 know."""
-_LEEWAY = 1e-3
-"""Part of a bound by which it may be missed."""
 
 
 def authority(craft: Spacecraft, period: float) -> tuple[float, ...]:
@@ -175,7 +157,7 @@ def without(craft: Spacecraft, number: int) -> Spacecraft:
 
 
 def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
-    """Policy for one craft and control period (s) by a network for any; warns outside of `RANGES`.
+    """Policy for one craft and control period (s) by a network for any.
 
     Raises:
         ConfigError: see `authority`; or the network is that of one craft only.
@@ -192,20 +174,6 @@ def for_craft(network: Network, craft: Spacecraft, period: float) -> Network:
             f"the agent flies craft {'in the plane' if craft.dimension == 3 else 'in space'} only: name "
             f"any-craft-{craft.dimension}d for {craft.name}."
         )
-    margin = authority_margin(columns_of(craft))
-    reached = (period, own.least_linear, own.least_angular, margin)
-    ranges = RANGES[craft.dimension].items()
-    for number, ((name, unit), (low, high)) in zip(reached, ranges, strict=True):
-        if not low * (1 - _LEEWAY) <= number <= high * (1 + _LEEWAY):
-            figure = f"{number:.3g} {unit}".rstrip()
-            trained = f"above {low:g}" if math.isinf(high) else f"from {low:g} to {high:g}"
-            warnings.warn(
-                f"{craft.name} has a {name} of {figure}, and the agent for any craft was "
-                f"trained {trained}: it may not reach its goals. `rans train` makes an agent for this "
-                "craft alone.",
-                RansWarning,
-                stacklevel=2,
-            )
     # What changes with the craft; weights stay.
     tokens = effects(craft, period)
     bound = farthest(craft, own)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -103,24 +102,6 @@ def test_a_craft_never_seen_settles_from_its_file(tmp_path):
     assert run.craft.name == "six"
     rows = {row.name: row for row in measure(flight).rows}
     assert rows["solved"].value >= 90.0
-
-
-def test_a_craft_outside_of_the_training_is_told_so_with_the_number():
-    heavy = replace(load_spacecraft("floating-platform"), mass=2000.0)
-    with pytest.warns(UserWarning, match=r"linear authority of 0\.00\d+ m/s\^2.* 0\.015 to 0\.7"):
-        for_craft(network(), heavy, 0.2)
-    # Weak thrusters of one sense: the other sense is no help, and the margin is a small part of 2.
-    craft = load_spacecraft("floating-platform")
-    senses = np.array(craft.wrench_map)[:, 2]
-    weak = tuple(
-        replace(one, force=0.05 if sense > 0.0 else one.force)
-        for one, sense in zip(craft.thrusters, senses, strict=True)
-    )
-    with pytest.warns(UserWarning, match=r"authority margin of 0\.\d+, .* trained above 0\.25"):
-        for_craft(network(), replace(craft, thrusters=weak), 0.1)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        for_craft(network(), load_spacecraft("atmos"), 0.1)
 
 
 @pytest.mark.filterwarnings("ignore:spacecraft .* cannot push and turn it")

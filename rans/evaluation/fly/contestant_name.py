@@ -292,10 +292,7 @@ class ContestantName:
             run = adapting(run)
         if craft is not None:
             timing = None if period is None else any_craft().timing(craft, run.timing, period)
-            with warnings.catch_warnings():
-                if choice is not None:  # flights say more than what is outside of its training
-                    warnings.simplefilter("ignore", RansWarning)
-                run = for_spacecraft(run, craft, timing)
+            run = for_spacecraft(run, craft, timing)
         if value is not None:
             run = frugal(run, value)
         if choice is not None and isinstance(run.controller, Agent):

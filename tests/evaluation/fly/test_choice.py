@@ -83,7 +83,6 @@ def test_a_controller_that_solves_more_is_named_in_the_doubt(flown, rivals):
 
 
 @pytest.mark.usefixtures("rivals")
-@pytest.mark.filterwarnings("ignore:.* authority of")
 def test_conditions_decide_the_value():
     """Valves 40 ms late: of a strong platform 0.4 loses every flight, and 1 hardly one."""
     ways = [replace(one, force=3.6 * one.force) for one in PLATFORM.thrusters]
