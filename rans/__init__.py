@@ -132,7 +132,8 @@ _REWARD_THRESHOLDS = {
     "rans/TrackXYZVelocityAttitude-v0": 310.0,
 }
 """95 % of the mean return of the agent that comes with RANS, over 256 starts, rounded down to a multiple of 5.
-Missions have none: `info["is_success"]` says whether an episode succeeded."""
+Missions have none: `info["is_success"]` says whether an episode succeeded. For other tasks `info["at_goal"]` is of
+the last state alone, while a task is solved by the whole last fifth of a flight."""
 
 
 def _enrol(task_name: str) -> None:

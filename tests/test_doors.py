@@ -182,7 +182,7 @@ def test_an_episode_that_a_wrapper_ends_says_whether_it_succeeded(name):
     for _ in range(2):
         *_, truncated, info = env.step(np.zeros(8, int))
     assert truncated
-    assert info["is_success"] is False
+    assert info["at_goal"] is False
 
 
 # Functions: seeds

@@ -52,11 +52,11 @@ def test_a_contact_between_two_commands_counts(mover):
     seeing = outcomes(Pass(wall=9.0), 4, 2, mover and mover(4))
     assert [bool(one.done) for one in seeing] == [False, True]
     last = seeing[-1]
-    assert [bool(x) for x in (last.terminated, last.success, last.failed)] == [True, True, False]
+    assert [bool(x) for x in (last.terminated, last.at_goal, last.failed)] == [True, True, False]
     assert float(last.terms["done"][0]) == 5.0
     # Looks at x = 0, 0.2, 0.4, 0.6 m: what follows the contact is no violation of anything.
     wall = outcomes(Pass(wall=0.3), 4, 2, mover and mover(4))[-1]
-    assert bool(wall.success)
+    assert bool(wall.at_goal)
     assert float(wall.margins["wall"][0]) == pytest.approx(0.3, abs=1e-9)
     assert float(wall.terms["violation"][0]) == 0.0
 
@@ -99,7 +99,7 @@ def test_the_engine_and_environments_end_in_the_same_way():
             for one, over in zip(expected, ends, strict=True):
                 result = engine.step(torch.zeros(3, len(SHUT)))
                 assert result.terminated.tolist() == [over] * 3
-                assert result.success.tolist() == [bool(one.success)] * 3
+                assert result.at_goal.tolist() == [bool(one.at_goal)] * 3
                 named = dict(zip(engine.term_names, result.terms[:, 0].tolist(), strict=True))
                 assert named == pytest.approx(
                     {k: float(np.squeeze(v)) for k, v in one.terms.items()}, abs=1e-5
@@ -110,7 +110,7 @@ def test_the_engine_and_environments_end_in_the_same_way():
             _, _, terminated, truncated, info = env.step(np.zeros(len(SHUT), int))
             assert (terminated, truncated) == (over, False)
             assert info["margins"]["wall"] == pytest.approx(float(one.margins["wall"][0]))
-        assert info["is_success"] == bool(expected[-1].success)
+        assert info["is_success"] == bool(expected[-1].at_goal)
 
 
 def test_looks_do_not_change_the_motion():

@@ -51,7 +51,7 @@ def main() -> None:
         step = engine.step(torch.from_dlpack(action))
         observation = step.observation
         ended += float((step.terminated | step.truncated).sum())
-        won += float(step.success.sum())
+        won += float(step.at_goal.sum())
     print(f"{won / ended:.1%} of {ended:,.0f} end within the tolerances")
 
 

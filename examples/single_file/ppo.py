@@ -75,11 +75,11 @@ class Agent(nn.Module):
 def rollout(
     engine: rans.Engine, agent: Agent, rows: Tensor
 ) -> tuple[dict[str, Tensor], Tensor, float]:
-    """N_STEPS control periods of every craft: what the update needs, the last observation, and the success rate."""
+    """N_STEPS control periods of every craft: data of the update, the last observation, episodes that end there."""
     kept: dict[str, list[Tensor]] = {
         name: [] for name in ("seen", "action", "chance", "reward", "value", "end")
     }
-    won = ended = 0.0
+    there = ended = 0.0
     for _ in range(N_STEPS):
         seen = body_frame(rows)
         choice = agent.distribution(seen)
@@ -99,10 +99,14 @@ def rollout(
         )
         for name, value in zip(kept, values, strict=True):
             kept[name].append(value.clone())
-        won += float(step.success.sum())
+        there += float(step.at_goal.sum())
         ended += float(done.sum())
         rows = step.observation
-    return {name: torch.stack(values) for name, values in kept.items()}, rows, won / max(ended, 1.0)
+    return (
+        {name: torch.stack(values) for name, values in kept.items()},
+        rows,
+        there / max(ended, 1.0),
+    )
 
 
 def advantages(data: dict[str, Tensor], following: Tensor) -> Tensor:
@@ -175,7 +179,7 @@ def train(steps: int, n_envs: int, device: str) -> Agent:
         if number % 10 == 0:
             print(
                 f"{number * N_STEPS * n_envs:9,} steps, {time.perf_counter() - begun:5.1f} s: "
-                f"{success:6.1%} of episodes succeed, learning rate {rate:.1e}"
+                f"{success:6.1%} of episodes end at the goal, learning rate {rate:.1e}"
             )
     return agent
 

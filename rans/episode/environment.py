@@ -44,8 +44,8 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
 
     Observation: (10,) in the plane or (22,) in space, or more, float32; see `rans.tasks.observation_columns`.
     Action: (commands,), in the order of `rans.model.spacecraft.Spacecraft.commands`; usually 0 (shut) or 1 (open).
-    ``info``: "reward_terms" and "errors" by name, "margins" if the task has constraints, and "is_success": whether
-    the mission has succeeded, or the state is within the tolerances.
+    ``info``: "reward_terms" and "errors" by name, "margins" if the task has constraints, and whether a mission has
+    succeeded ("is_success"), or for other tasks the state is within the tolerances ("at_goal").
 
     Args:
         task_name: name in `rans.tasks.TASKS`, or MODULE:NAME.
@@ -163,7 +163,7 @@ class Environment(NamedArguments, gymnasium.Env[np.ndarray, np.ndarray]):
             "reward_terms": {name: float(np.squeeze(term)) for name, term in terms.items()},
             "errors": self._errors(),
             # In every step, as a wrapper may end the episode in any.
-            "is_success": bool(outcome.reached),
+            self.task.end_key: bool(outcome.reached),
         }
         if outcome.margins:
             info["margins"] = {

@@ -115,8 +115,8 @@ class Outcome:
         return self.terminated | self.truncated
 
     @property
-    def success(self) -> Field:
-        """Whether the episode ended as a success: the mission succeeded, or the last state is within tolerances."""
+    def at_goal(self) -> Field:
+        """Whether the episode ended at its goal: the mission succeeded, or the last state is within tolerances."""
         return self.reached & self.ended
 
 

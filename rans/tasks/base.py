@@ -157,6 +157,16 @@ class Task(Settings, ABC):
         """Whether the mission is accomplished, which ends the episode; None: it lasts until it is truncated."""
         return None
 
+    @property
+    def can_be_won(self) -> bool:
+        """Whether it is a mission, which its success ends. All else is solved by whole flights (`verdict`)."""
+        return type(self).done is not Task.done
+
+    @property
+    def end_key(self) -> str:
+        """Name by which environments say that an episode is at its goal, which is a success of a mission alone."""
+        return "is_success" if self.can_be_won else "at_goal"
+
     violation_ends: bool = True
     """Whether a negative margin of `constraints` ends the episode as a failure."""
     violation_weight: float = 0.0

@@ -58,7 +58,7 @@ def requirement(setup: Setup) -> str:
         for name, bound in task.tolerances().items()
     )
     kind = type(task)
-    if kind.done is not Task.done:
+    if task.can_be_won:
         won = (kind.done.__doc__ or "").strip().partition("\n")[0].rstrip(".")
         won = won.removeprefix("Whether ")
         text = f"the mission is won in time: {won[:1].lower()}{won[1:]}"

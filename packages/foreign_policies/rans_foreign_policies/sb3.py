@@ -95,12 +95,12 @@ class SB3VecEnv(VecEnv):
         if len(ended):
             final = within(self.observation_space, _float32(step.final_observation))
             truncated = step.truncated.cpu().numpy()
-            success = step.success.cpu().numpy()
+            at_goal = step.at_goal.cpu().numpy()
             for i in ended:
                 infos[i] = {
                     "terminal_observation": final[i],
                     "TimeLimit.truncated": bool(truncated[i]),
-                    "is_success": bool(success[i]),
+                    self.engine.task.end_key: bool(at_goal[i]),
                     "episode": {
                         "r": round(float(self._returns[i]), 6),
                         "l": int(self._lengths[i]),

@@ -44,7 +44,7 @@ def test_it_says_what_the_engine_does(craft):
             np.testing.assert_array_equal(info["terminal_observation"], step.final_observation[i])
             truncated = bool(step.truncated[i])
             assert truncated is not bool(step.terminated[i])
-            assert (info["TimeLimit.truncated"], info["is_success"]) == (truncated, truncated)
+            assert (info["TimeLimit.truncated"], info["at_goal"]) == (truncated, truncated)
         ends += int(step.terminated.sum()), int(step.truncated.sum())
     assert ends.min() > 5  # the test saw both kinds
 

@@ -96,7 +96,7 @@ def samples(flight: Flight) -> Iterator[Sample]:
     yield from further_samples(flight)
     yield from _motion(flight)
     yield from _effort(flight)
-    if type(flight.task).done is not Task.done:
+    if flight.task.can_be_won:
         yield from _percentiles(flight)
     if flight.guarded is not None:
         yield from _guarding(flight)

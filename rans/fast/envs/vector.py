@@ -48,8 +48,8 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
     (``AutoresetMode.SAME_STEP``).
 
     No step waits for the device. The ``info`` of every step therefore has the same keys: "final_obs" (N, width) and
-    "final_info" {"is_success": (N,)}, valid where the masks "_final_obs" and "_final_info" are true, and every term
-    of the reward, such as "reward/position" (N,).
+    "final_info" {"at_goal": (N,)}, for missions {"is_success": (N,)}, valid where the masks "_final_obs" and
+    "_final_info" are true, and every term of the reward, such as "reward/position" (N,).
 
     Args:
         num_envs: number of spacecraft, N.
@@ -204,7 +204,7 @@ class SpacecraftVectorEnv(NamedArguments, VectorEnv[Tensor, Tensor, Tensor]):
             **dict(zip(self._terms, step.terms, strict=True)),
             "final_obs": self._within(step.final_observation),
             "_final_obs": ended,
-            "final_info": {"is_success": step.success},
+            "final_info": {self.engine.task.end_key: step.at_goal},
             "_final_info": ended,
         }
         observation = step.observation

@@ -194,7 +194,7 @@ def statistics(numbers: Sequence[float], learner: Learner, steps: int) -> dict[s
     table |= {
         "rollout/ep_rew_mean": sum(rewards) * length,
         "rollout/ep_len_mean": length,
-        "rollout/success_rate": succeeded / ended,
+        "rollout/at_goal_rate": succeeded / ended,
         "rollout/failure_rate": failed / ended,
     }
     return table | {

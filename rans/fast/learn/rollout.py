@@ -77,7 +77,7 @@ class Rollout:
         self.terms = new(len(engine.term_names), count)
         """Reward terms (terms, N), summed over the steps."""
         self.succeeded, self.failed = new(count), new(count)
-        """Number of episodes of each environment that ended as a success, and that the task ended as a failure."""
+        """Number of episodes of each environment that ended at the goal, and that the task ended as a failure."""
         self._engine = engine
         self._elapsed = new()
 
@@ -144,7 +144,7 @@ def remember(
         memory.copy_(torch.where(ended[:, None], 0.0, acted.memory))
     # Sums for the log.
     rollout.terms.add_(step.terms)
-    rollout.succeeded.add_(step.success)
+    rollout.succeeded.add_(step.at_goal)
     rollout.failed.add_(step.terminated & ~step.reached)
 
 

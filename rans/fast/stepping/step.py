@@ -51,8 +51,11 @@ class Step(NamedTuple):
     """(terms, N): reward by term, in the order of `Engine.term_names`."""
 
     @property
-    def success(self) -> Tensor:
-        """(N,) bool: the episode ended in success: won, or within the tolerances at truncation."""
+    def at_goal(self) -> Tensor:
+        """(N,) bool: the episode ended at its goal: won, or within the tolerances at truncation.
+
+        The latter alone solves no task (`rans.episode.verdict`).
+        """
         return self.reached & (self.terminated | self.truncated)
 
 

@@ -51,7 +51,7 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
 
     Headings are those of pages and files.
     """
-    if ends(task):
+    if task.can_be_won:
         return {
             "time of success, s": lambda entry: entry.success,
             _IMPULSE: lambda entry: entry.thrust,
@@ -64,11 +64,6 @@ def measures(task: Task) -> dict[str, Callable[[Entry], np.ndarray]]:
         _IMPULSE: lambda entry: entry.thrust,
         "return": lambda entry: entry.returns,
     }
-
-
-def ends(task: Task) -> bool:
-    """Whether a task is a mission that ends with its success."""
-    return type(task).done is not Task.done
 
 
 def scores(

@@ -63,7 +63,7 @@ def test_results_are_plain_numbers(name):
     assert info.keys() == {"errors"}
     seen, reward, *ends, info = env.step(env.action_space.sample())
     assert [type(x) for x in (seen, reward, *ends)] == [np.ndarray, float, bool, bool]
-    assert type(info.pop("is_success")) is bool
+    assert type(info.pop("at_goal")) is bool
     assert info.keys() == {"reward_terms", "errors"}
     assert {type(x) for group in info.values() for x in group.values()} == {float}
     # Python sums floats in more digits than it shows from 3.12 on; each term is below 1.
@@ -83,7 +83,7 @@ def test_success_is_to_be_there_when_time_is_up(start, success):
     env = make(timing=Timing(episode_steps=2))
     env.reset(options={"scenario": Scenario(start, planar())})
     env.step(SHUT)
-    assert env.step(SHUT)[4]["is_success"] is success
+    assert env.step(SHUT)[4]["at_goal"] is success
 
 
 @TWO_IDS

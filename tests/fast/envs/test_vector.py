@@ -74,7 +74,7 @@ def test_shapes_and_types(name, dtype):
         *results[2:4],
         results[4]["_final_obs"],
         results[4]["_final_info"],
-        results[4]["final_info"]["is_success"],
+        results[4]["final_info"]["at_goal"],
     ):
         assert (flags.shape, flags.dtype) == ((6,), torch.bool)
     terms = [value for key, value in results[4].items() if key.startswith("reward/")]

@@ -83,9 +83,7 @@ def test_every_mode_is_gymnasiums_own(mode, conditions):
                     found = mine[4][f"reward/{name}"]
                     np.testing.assert_allclose(found[~over], paid[~over], rtol=0, atol=1e-6)
             if over.any():
-                ours_end, theirs_end = (
-                    step[4]["final_info"]["is_success"] for step in (mine, yours)
-                )
+                ours_end, theirs_end = (step[4]["final_info"]["at_goal"] for step in (mine, yours))
                 np.testing.assert_array_equal(ours_end[over], theirs_end[over])
                 won += int(ours_end[over].sum())
     assert ends > COUNT

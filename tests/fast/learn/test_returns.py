@@ -75,7 +75,7 @@ def test_one_return_in_bar_curve_tensorboard_and_evaluation(tmp_path):
 
     # Sums of float32 rewards and counts.
     assert row["rollout/ep_len_mean"] == 4.0
-    assert (row["rollout/success_rate"], row["rollout/failure_rate"]) == (1.0, 0.0)
+    assert (row["rollout/at_goal_rate"], row["rollout/failure_rate"]) == (1.0, 0.0)
     assert row["rollout/ep_rew_mean"] == pytest.approx(RETURN, rel=1e-6)
     parts = {key: row[f"return/{key}"] for key in ("time", "bonus", "done")}
     assert parts == pytest.approx({"time": -4.0, "bonus": 2.0, "done": 20.0}, rel=1e-6)

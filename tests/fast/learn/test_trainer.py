@@ -66,7 +66,7 @@ def test_what_a_run_holds(tmp_path):
         "return/position",
         "return/thrust",
         "train/loss",
-        "rollout/success_rate",
+        "rollout/at_goal_rate",
     ):
         assert np.isfinite(rows[1][key]), key
     names = {file.name for file in (tmp_path / "run").iterdir()}

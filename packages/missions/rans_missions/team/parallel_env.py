@@ -101,7 +101,7 @@ class TeamEnv(ParallelEnv):
             return dict(zip(self.agents, values.tolist(), strict=True))
 
         results = each(step.reward), each(step.terminated), each(step.truncated)
-        infos = {agent: {"is_success": won} for agent, won in each(step.success).items()}
+        infos = {agent: {"is_success": won} for agent, won in each(step.at_goal).items()}
         if ended:
             self.agents = []
         return observations, *results, infos

@@ -90,5 +90,5 @@ def test_contact_between_two_commands(speed, docked):
     start = replace(goal, p=Vec2(0.71, 0.0), v=Vec2(-speed, 0.0))
     outcome = step(world, world.begin(start, goal), SHUT)
     assert bool(outcome.done) is docked
-    assert bool(outcome.success) is docked
+    assert bool(outcome.at_goal) is docked
     assert float(outcome.terms["done"]) == (400.0 if docked else 0.0)
