@@ -42,6 +42,7 @@ def copied(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* was there already")
 @pytest.mark.parametrize("version", ["0.2.0-last", "0.3.0"])
 @pytest.mark.parametrize("command", [*COMMANDS, *OF_A_TRAINING])
 def test_every_command_opens_what_an_earlier_version_wrote(version, command, copied):

@@ -318,22 +318,27 @@ class Dossier:
         """
         if not self.file.exists():
             raise ConfigError(f"{self.file} is not there: rans dossier {self.name} writes it.")
-        with reading(self.file) as table:
-            written = structure(table, _Written, self.file.name, is_written=True)
-            names = {**self.names, **written.names}
-        for key in dict.fromkeys((*self.hashes, *written.hashes)):
-            if written.hashes.get(key) != self.hashes.get(key):
+        old, page = self._written()
+        for key in dict.fromkeys((*self.hashes, *old.hashes)):
+            if old.hashes.get(key) != self.hashes.get(key):
                 yield f"the dossier is of another agent: {key} differs"
-        old, new = (
+        before, now = (
             {f"{row.what} ({row.file or 'no file'})": asdict(row) for row in rows}
-            for rows in (written.rows, self.rows)
+            for rows in (old.rows, self.rows)
         )
-        yield from _differences(old, new, "the dossier says", "its file")
-        was = copy(self)
-        was.names, was.name = names, shlex.split(names["agent"])[0]
-        page = self.file.with_suffix(".html")
-        if not page.exists() or read_text(page) != was._page(written.environment):
-            yield f"{page.name} is not the page of these rows: it was changed, or another version of RANS wrote it"
+        yield from _differences(before, now, "the dossier says", "its file")
+        file = self.file.with_suffix(".html")
+        if not file.exists() or read_text(file) != page:
+            yield f"{file.name} is not the page of these rows: it was changed, or another version of RANS wrote it"
+
+    def _written(self) -> tuple[_Written, str]:
+        """The dossier that was written, and its page as it would be now, by the names of then."""
+        with reading(self.file) as table:
+            old = structure(table, _Written, self.file.name, is_written=True)
+            was = copy(self)
+            was.names = {**self.names, **old.names}
+            was.name = shlex.split(was.names["agent"])[0]
+            return old, was._page(old.environment)
 
     def repeated(self, row: Row) -> Iterator[str]:
         """Differences of a file of results from what its command writes in an empty folder.
