@@ -12,6 +12,7 @@ from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.plant import Plant
 from validation.study import engines, flights, invariants, onsets, oracles
 from validation.study.checks import Check
+from validation.study.dynamics import mass_checks
 from validation.study.study import FULL_LAYERS, LAYERS, Scope, study
 
 PLATFORM = load_spacecraft("floating-platform")
@@ -114,3 +115,37 @@ def test_one_layer_may_be_a_slow_one_even_if_quick(monkeypatch):
     monkeypatch.setattr("validation.study.study.FULL_LAYERS", {"cuda": layer})
     study(PLATFORM, quick=True, layer="cuda")
     assert [(scope.seed, scope.states, scope.flights) for scope in asked] == [(0, 64, 16)]
+
+
+def test_an_interrupted_study_is_of_a_part(monkeypatch):
+    """However far it came: what follows was not checked, and a dossier must not take it as evidence."""
+
+    def interrupted(_: Scope) -> Any:
+        raise KeyboardInterrupt
+
+    for layers, is_partial in (
+        ({"a": lambda s: [], "b": interrupted}, True),
+        (
+            {"a": lambda s: [Check("x", 0.0, 1.0, "m", "")], "b": interrupted, "c": interrupted},
+            True,
+        ),
+        ({"a": lambda s: [Check("x", 0.0, 1.0, "m", "")]}, False),
+    ):
+        monkeypatch.setattr("validation.study.study.FULL_LAYERS", layers)
+        found = study(PLATFORM)
+        assert found.is_partial is found.to_json()["is_partial"] is is_partial
+        assert found.passed is not is_partial
+
+
+def test_a_mass_matrix_is_judged_by_its_worst_entry(monkeypatch):
+    """One of 36 is off by three times the tolerance, so that their mean is within it."""
+    right = Plant.mass_matrix
+
+    def wrong(plant: Plant) -> Any:
+        matrix = right(plant)
+        matrix[0, 1] += 3e-12 * matrix[0, 0]
+        return matrix
+
+    monkeypatch.setattr(Plant, "mass_matrix", wrong)
+    (check,) = mass_checks(FLYER)
+    assert not check.passed
