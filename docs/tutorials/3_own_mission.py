@@ -55,13 +55,6 @@ class SoftDock(SingleTask):
             "dv_", "m/s", goal.v - state.v
         )
 
-    def errors(self, state, goal):
-        """What is measured against the tolerances."""
-        return {
-            "position": (goal.p - state.p).norm(),
-            "velocity": (goal.v - state.v).norm(),
-        }
-
     def reward(self, transition):
         """Near, then near and slow, less the price of thrust."""
         distance, speed = self.errors(

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from inspect import signature
 from typing import Any, NamedTuple
 
 from rans.model.body import Body
-from rans.model.drift import FREE, Drift
-from rans.model.dynamics import NODES, AnyState, Emptied, Rotors, Wrench, advance
-from rans.model.fields import Field, Vec3, leaves, unflatten
+from rans.model.dynamics import advance
+from rans.model.fields import Field, leaves, unflatten
 from rans.model.trace import Symbol
 from rans.policy.program import inputs
 
@@ -52,6 +52,9 @@ class Substep:
     """State after it."""
 
 
+_ADVANCE = signature(advance)
+
+
 class Substeps:
     """Records motion as calls. Kinds of substeps differ in which wrenches act, and in the body's numbers.
 
@@ -68,26 +71,15 @@ class Substeps:
         """The functions that are called."""
         return tuple(self._kinds.values())
 
-    def advance(
-        self,
-        state: AnyState,
-        applied: Wrench,
-        body: Body,
-        duration: Field,
-        substeps: int = 1,
-        nodes: int = NODES,
-        disturbance: Wrench | None = None,
-        drift: Drift = FREE,
-        last: Wrench | None = None,
-        momentum: tuple[Vec3, Vec3] | None = None,
-        growth: tuple[Field, Field] | None = None,
-        rotors: Rotors | None = None,
-        tank: tuple[Emptied, Emptied] | None = None,
-    ) -> AnyState:
+    def advance(self, *arguments: Any, **options: Any) -> Any:
         """`rans.model.dynamics.advance` on symbols: the motion over a part of a control period.
 
         State, wrenches and body as there, of symbols; `_kinds` gets the program of a kind that was not there yet.
         """
+        bound = _ADVANCE.bind(*arguments, **options)
+        bound.apply_defaults()
+        state, applied, body, duration, substeps, nodes, disturbance, drift, *rest = bound.args
+        last, momentum, growth, rotors, tank = rest
         # Where loads change from substep to substep, one function makes all of them.
         constant = last is None and momentum is None and growth is None and drift.steady
         constant = constant and tank is None

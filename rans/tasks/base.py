@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import operator
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 from functools import reduce
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -243,6 +243,15 @@ class Task(Settings, ABC):
         """Whether the episode ends in this state as a failure."""
 
 
+_ERRORS: dict[str, Callable[[Any, Any], Field]] = {
+    "position": lambda state, goal: (goal.p - state.p).norm(),
+    "attitude": lambda state, goal: state.attitude.to(goal.attitude).magnitude(),
+    "velocity": lambda state, goal: (goal.v - state.v).norm(),
+    "spin": lambda state, goal: speed(state.spin()),
+}
+"""Errors (fields) by quantity."""
+
+
 @dataclass(frozen=True)
 class SingleTask(Prices, Task):
     """Base class of tasks with one kind of goal, as opposed to `rans.MultiTask`.
@@ -264,6 +273,10 @@ class SingleTask(Prices, Task):
     def flag_of(self, goal: State) -> Field:
         """Task flag, the same for every goal."""
         return float(self.flag)
+
+    def errors(self, state: State, goal: State) -> dict[str, Field]:
+        """Errors of pose and motion that have a tolerance; the spin is relative to a goal at rest."""
+        return {name: _ERRORS[name](state, goal) for name in self.tolerances() if name in _ERRORS}
 
     def tolerances(self) -> dict[str, float]:
         """Tolerances by quantity, from the settings named QUANTITY_tolerance."""

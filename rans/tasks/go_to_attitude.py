@@ -15,7 +15,7 @@ from rans.model.random import Random
 from rans.model.timing import Timing
 from rans.tasks.base import SingleTask
 from rans.tasks.observation_terms import Dimension, ObservationTerm, RelativeRotation
-from rans.tasks.rewards import Transition, is_used, nearness, speed
+from rans.tasks.rewards import Transition, is_used, nearness
 from rans.tasks.tracking import Tracking
 
 
@@ -79,11 +79,6 @@ class GoToAttitude(SingleTask):
     def observation_terms(self, state: State, goal: State) -> tuple[ObservationTerm, ...]:
         """Rotation to the goal's attitude; agents' files record the kinds and order of terms."""
         return (RelativeRotation("d", "-", state.attitude.to(goal.attitude)),)
-
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Attitude error, rad, and angular rate, rad/s."""
-        angle = state.attitude.to(goal.attitude).magnitude()
-        return {"attitude": angle, "spin": speed(state.spin())}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields) exp(-angle / scale) at three scales, low spin near the goal, and prices.

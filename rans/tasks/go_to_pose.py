@@ -58,11 +58,6 @@ class GoToPose(Arriving):
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
         )
 
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the goal, m, and attitude error, rad."""
-        angle = state.attitude.to(goal.attitude).magnitude()
-        return {"position": (goal.p - state.p).norm(), "attitude": angle}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms exp(-distance / scale) and exp(-angle / scale) of the original system, wider and narrower copies.
 

@@ -171,7 +171,7 @@ class TrackTwist(Tracking):
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Velocity error, m/s, and spin error, rad/s."""
-        return {"velocity": (goal.v - state.v).norm(), "spin": speed(spin_difference(state, goal))}
+        return super().errors(state, goal) | {"spin": speed(spin_difference(state, goal))}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields) exp(-error / scale) of both velocities, narrower copies, and prices."""
@@ -235,11 +235,6 @@ class TrackVelocityHeading(Tracking):
             VectorInW("dv_", "m/s", goal.v - state.v),
             RelativeRotation("d", "-", state.attitude.to(goal.attitude)),
         )
-
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Velocity error, m/s, and attitude error, rad."""
-        angle = state.attitude.to(goal.attitude).magnitude()
-        return {"velocity": (goal.v - state.v).norm(), "attitude": angle}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields): exp(-error / scale) of both, a narrower and a wider copy, and prices."""

@@ -172,12 +172,7 @@ class DockPort(SingleTask):
 
     def errors(self, state: State, goal: State) -> dict[str, Field]:
         """Distance, angle, velocity and spin relative to the docked state."""
-        return {
-            "position": (goal.p - state.p).norm(),
-            "attitude": state.attitude.to(goal.attitude).magnitude(),
-            "velocity": (goal.v - state.v).norm(),
-            "spin": speed(_spin_to_gain(state, goal)),
-        }
+        return super().errors(state, goal) | {"spin": speed(_spin_to_gain(state, goal))}
 
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields).

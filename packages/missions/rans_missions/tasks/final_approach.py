@@ -160,10 +160,6 @@ class FinalApproach(SingleTask):
             *speed.entries("speed", state),
         )
 
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the port, and velocity relative to it."""
-        return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Wide and narrow rewards of the distance from the port."""
         distance = self.errors(transition.state, transition.goal)["position"]

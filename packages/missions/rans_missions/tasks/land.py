@@ -162,10 +162,6 @@ class Land(SingleTask):
             ),
         )
 
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the site, m, and speed, m/s."""
-        return {"position": (goal.p - state.p).norm(), "velocity": (goal.v - state.v).norm()}
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields).
 

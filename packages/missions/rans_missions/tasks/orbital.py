@@ -534,13 +534,6 @@ class OrbitalMission(SingleTask):
             for name, f in (("cosine", cos), ("sine", sin))
         )
 
-    def errors(self, state: State, goal: State) -> dict[str, Field]:
-        """Distance from the goal, m, and speed relative to it, m/s."""
-        return {
-            "position": (goal.p - state.p).norm(),
-            "velocity": (goal.v - state.v).norm(),
-        }
-
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields): decrease of the velocity to gain, m/s, less the price of impulse."""
         goal = transition.goal
