@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import shlex
+import shutil
 import signal
 import sys
 import threading
@@ -292,6 +293,53 @@ def test_a_kill_of_either_side_shuts_the_valves(killed, agent, tmp_path, monkeyp
         survivor.send_signal(signal.SIGTERM)
         text, _ = survivor.communicate(timeout=PATIENCE)
         assert "valves shut" in " ".join(text.split())
+    finally:
+        for process in running:
+            process.kill()
+            process.communicate()
+        monitor.close()
+
+
+_HANGS = """
+class Hangs(Agent):
+    calls = 0
+
+    def act(self, observation):
+        self.calls += abs(observation[6]) > 1.0  # not to warm up
+        if self.calls == 10:
+            np.linalg.svd(np.ones((6000, 6000)))
+        return super().act(observation)
+
+
+Agent, check = Hangs, lambda: (1, 1)
+"""
+"""Minutes in a library that does not let Python handle a signal."""
+
+
+@pytest.mark.slow
+def test_a_library_that_computes_keeps_no_valve_open(agent, tmp_path):
+    """It is shut in time, and the process ends at a second Ctrl-C."""
+    folder = tmp_path / "agent"
+    shutil.copytree(agent, folder)
+    code = folder / "agent.py"
+    text, main_part, end = code.read_text("utf-8").partition('if __name__ == "__main__":')
+    code.write_text(text + _HANGS + main_part + end, "utf-8")
+    monitor = UDPBus(45)
+    commands = []
+    monitor.subscribe("commands", FLOATS, lambda x: commands.append(any(unpack(FLOATS, x).data)))
+    where = {"domain": 45, "folder": tmp_path}
+    running = [started("twin", PLATFORM, "--start", "4", "0", "0", "--rate", "25", **where)]
+    try:
+        running.append(started("fly", str(folder), "--trust", "--output", "flight", **where))
+        wait_until(lambda: any(commands))
+        wait_until(lambda: len(commands) > 3 and not any(commands[-3:]))
+        heard = len(commands)
+        for _ in range(2):
+            running[1].send_signal(signal.SIGINT)
+            time.sleep(0.5)
+        assert running[1].wait(PATIENCE) == 1
+        hear_all(monitor, 45)
+        assert not any(commands[heard:])
     finally:
         for process in running:
             process.kill()
