@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.effectors.commands import command_bounds
-from rans.evaluation.fly.exported import LARGEST, LONGEST_PERIOD, OLDEST
+from rans.evaluation.fly.exported import LARGEST, OLDEST
 from rans.extend import Spacecraft, brief, is_finite
 from rans_robot.frames import Motion, small_turns
 from rans_robot.messages import read_table
@@ -126,7 +126,7 @@ RULES = {
     "stop": Rule("stop, also by Ctrl-C while an agent computes", (3,), "shut {:g} times", "ends"),
 }
 """All rules, by name."""
-_PERSISTS = 2
+PERSISTS = 2
 """Control periods for which readings may contradict commands, and for which they must hold again."""
 _OF_THE_WORLD = ("map", "odom", "world", "earth")
 """Names that ROS's REP 105 gives to frames which are none of a body."""
@@ -226,30 +226,19 @@ def _within(values: Iterable[float], low: Iterable[float], high: Iterable[float]
     return all(map(le, low, values)) and all(map(le, values, high))
 
 
-class Description(NamedTuple):
-    """Description of the spacecraft that a robot is."""
+def description(data: bytes) -> tuple[str, str, float]:
+    """Name, hash and control period (s) of the spacecraft in a message of `rans_robot.pilot.CRAFT_TOPIC`.
 
-    name: str
-    """As it may stand in a sentence."""
-    sha256: str
-    control_period: float
-    """s."""
-
-
-def description(data: bytes) -> Description:
-    """Spacecraft in a message of `rans_robot.pilot.CRAFT_TOPIC`, checked (`ValueError`)."""
-    table = _table(data)
-    name, digest, period = (table.get(key) for key in ("name", "sha256", "control_period"))
-    if not isinstance(name, str) or not isinstance(digest, str):
+    Raises:
+        ValueError: it is no such message; a name may stand in a sentence.
+    """
+    name, digest, period = map(_table(data).get, ("name", "sha256", "control_period"))
+    if not (isinstance(name, str) and isinstance(digest, str) and is_finite(period)):
         raise ValueError(
-            f"name and sha256 of the spacecraft must be texts, got {brief(name)} and {brief(digest)}"
+            f"name and sha256 of the spacecraft must be texts and control_period a number, got {brief(name)}, "
+            f"{brief(digest)} and {brief(period)}"
         )
-    if not is_finite(period) or not 0.0 < period <= LONGEST_PERIOD:  # type: ignore[operator]
-        raise ValueError(
-            f"control_period must be a number of seconds above 0 and at most {LONGEST_PERIOD:g}, got "
-            f"{brief(period)}"
-        )
-    return Description(brief(name), digest, float(period))  # type: ignore[arg-type]
+    return brief(name), digest, float(period)  # type: ignore[arg-type]
 
 
 def announced(data: bytes) -> tuple[str, list[str]]:
@@ -576,15 +565,18 @@ class Monitor:
         weights = np.array([craft.mass] * size + [inertia] * (craft.degrees_of_freedom - size))
         self._shares = craft.wrenches / weights
         most = np.abs(craft.wrenches_either_way.T / weights).sum(axis=0)
-        self._authority = [float(np.linalg.norm(most[:size])), float(np.linalg.norm(most[size:]))]
+        parts = slice(size), slice(size, None)
+        self._authority = [float(np.linalg.norm(most[part])) for part in parts]
         # What has come, and what was wrong with it.
-        self._validator = Validator(size == 2, self.oldest)
+        self.validator = Validator(size == 2, self.oldest)
         self._parts = {topic: _Part() for topic in interface.inputs}
         self.reading: dict[str, np.ndarray] = {}
         """The state of the craft as far as it is known: fields of `rans_robot.frames.Motion` by name."""
         self._filter: VelocityFilter | None = None
         if not interface.has_velocity:
-            self._filter = VelocityFilter(_agility(craft), plan.pose_noise)
+            rows = [np.linalg.norm(self._shares[:, part], axis=1) for part in parts]
+            agility = float(rows[0].max()), float(rows[1].max())
+            self._filter = VelocityFilter(agility, plan.pose_noise)
         self._last: dict[str, tuple[int, np.ndarray]] = {}
         """When each field was measured last, ns, and what."""
         self._gap = np.zeros(6)
@@ -599,10 +591,6 @@ class Monitor:
 
     # Readings
 
-    def goal(self, topic: str, reading: Reading) -> None:
-        """Judge (`ValueError`) a pose that is none of the robot's."""
-        self._validator.pose(topic, reading)
-
     def refuse(self, topic: str, now: int, why: str) -> None:
         """Remember why a message gave no reading."""
         if topic in self._parts:
@@ -614,7 +602,7 @@ class Monitor:
         Parts of a state come by topic; what a message does not have stays as the last message had it.
         """
         part = self._parts[topic]
-        verdict = self._validator.state(topic, reading, now)
+        verdict = self.validator.state(topic, reading, now)
         moment = verdict.moment
         if moment is None:  # a reading that is published again is no newer
             stamp = f"{reading.measured * 1e-9:.6f} s"
@@ -756,7 +744,7 @@ class Monitor:
                     True,
                 )
         # Readings that contradict one another, now or within the last periods.
-        if self._alarm is None or now - self._alarm[1] > _PERSISTS * self.period * 1e9:
+        if self._alarm is None or now - self._alarm[1] > PERSISTS * self.period * 1e9:
             return None
         since, _, sentence = self._alarm
         return sentence, (now - since) * 1e-9 > self._lost_after
@@ -764,7 +752,7 @@ class Monitor:
     def _raise(self, now: int, sentence: str) -> None:
         """Readings contradict one another at a time, ns."""
         since = now
-        if self._alarm is not None and now - self._alarm[1] <= _PERSISTS * self.period * 1e9:
+        if self._alarm is not None and now - self._alarm[1] <= PERSISTS * self.period * 1e9:
             since = self._alarm[0]
         self._alarm = (since, now, sentence)
 
@@ -780,7 +768,7 @@ class Monitor:
                 part.due += self._given
             part.fresh = False
             part.moved = False
-            if part.still >= _PERSISTS and part.due > least:
+            if part.still >= PERSISTS and part.due > least:
                 self._raise(
                     now,
                     f"{topic}: its readings repeat, though thrust was given: is the sensor frozen, or blind",
@@ -856,16 +844,6 @@ class Monitor:
             and (now - refused[0]) * 1e-9 <= self._plan.lost_after
         ]
         return f" ({'; '.join(recent)})" if recent else ""
-
-
-def _agility(craft: Spacecraft) -> tuple[float, float]:
-    """Largest acceleration by one thruster, m/s^2, and angular, rad/s^2: how quickly velocities change."""
-    rows = craft.wrenches
-    size = craft.dimension
-    force = float(np.linalg.norm(rows[:, :size], axis=1).max())
-    torque = float(np.linalg.norm(rows[:, size:], axis=1).max())
-    inertia = min(craft.inertia[k][k] for k in range(3))
-    return force / craft.mass, torque / inertia
 
 
 class Valves:

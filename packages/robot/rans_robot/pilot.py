@@ -229,7 +229,7 @@ class MessagePilot:
         All that may be refused is before what changes: a refused goal leaves that before.
         """
         reading: Any = read_motion(POSE, data)
-        self.monitor.goal(GOAL_TOPIC, reading)
+        self.monitor.validator.pose(GOAL_TOPIC, reading)
         still = np.zeros(3)
         there = state_of(self.craft, Motion(reading.position, reading.attitude, still, still))
         self._goal = replace(self._goal, p=there.p, attitude=there.attitude)
@@ -242,15 +242,15 @@ class MessagePilot:
 
         It sets `_fault`, which `decide` answers by shut valves.
         """
-        robot = description(data)
-        if robot.sha256 != self._hash:
+        name, digest, period = description(data)
+        if digest != self._hash:
             self._fault = (
-                f"the robot is the spacecraft {robot.name} ({brief(robot.sha256[:8])}), but the agent was trained "
+                f"the robot is the spacecraft {name} ({brief(digest[:8])}), but the agent was trained "
                 f"for {self.craft.name} ({self._hash[:8]})"
             )
-        elif not abs(robot.control_period - self.period) <= RULES["craft"].limits[0]:
+        elif not abs(period - self.period) <= RULES["craft"].limits[0]:
             self._fault = (
-                f"the robot takes a command every {robot.control_period:g} s, but the agent gives one every "
+                f"the robot takes a command every {period:g} s, but the agent gives one every "
                 f"{self.period:g} s"
             )
 

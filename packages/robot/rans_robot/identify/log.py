@@ -14,6 +14,7 @@ import numpy as np
 
 import rans.base.csv_file
 from rans.extend import ConfigError, Spacecraft, brief, counted
+from rans_robot.monitor import PERSISTS
 
 LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
@@ -139,11 +140,34 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             f"{what} has {counted(int(inside.sum()), 'reading')} while commands were given; at least "
             f"{_FEWEST_READINGS} are needed. Do both have the same clock?"
         )
-    parts = {name: getattr(log, name)[inside] for name in ("times", *_BOUNDS)}
-    result = replace(log, **parts)
+    still = _still(log, craft)
+    notes = log.notes
+    if still.any():
+        notes += (
+            f"{log.source}: {counted(int(still.sum()), 'reading')} left out that repeat under thrust, from "
+            f"{log.times[still][0]:g} s on: was the sensor frozen?",
+        )
+    parts = {name: getattr(log, name)[inside & ~still] for name in ("times", *_BOUNDS)}
+    result = replace(log, **parts, notes=notes)
     _check_readings(what, result)
     begin = log.command_times[0]
     return replace(result, command_times=log.command_times - begin, times=result.times - begin)
+
+
+def _still(log: FlightLog, craft: Spacecraft) -> np.ndarray:
+    """Whether each reading (M,) repeats that before, for longer than a flight believes it under thrust."""
+    rows = np.column_stack([getattr(log, name) for name in _BOUNDS])
+    given = log.commands[np.searchsorted(log.command_times[1:], log.times[:-1], "right")]
+    pushed = np.abs(given[:, : craft.thruster_count] @ craft.wrenches).max(axis=1) > 1e-9
+    same = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
+    still = np.append(False, same & pushed)
+    # First and last reading of each row of equal ones.
+    numbers = np.arange(len(still))
+    first = np.maximum.accumulate(np.where(still, 0, numbers))
+    last = np.zeros_like(first)
+    np.maximum.at(last, first, numbers)
+    lasts = log.times[last[first]] - log.times[first]
+    return still & (lasts >= (PERSISTS - 0.5) * log.period)
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:
