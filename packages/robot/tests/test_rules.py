@@ -18,13 +18,14 @@ import pytest
 pytest.importorskip("rosbags")
 pytest.importorskip("mcap")
 
+from rans_robot.bus import open_bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import FLOATS, unpack
 from rans_robot.monitor import RULES, Link
 from rans_robot.node import fly_over, replay_bag
 from rans_robot.pilot import Decision, MessagePilot
-from rans_robot.twin import FAULTS, Craft, Fault, TwinPlan
+from rans_robot.twin import FAULTS, Craft, Fault, TwinPlan, run_twin
 
 from rans import ConfigError, GoToPose, load_spacecraft
 from rans.base.pretrained import pretrained_folder
@@ -309,3 +310,43 @@ def test_valves_are_shut_while_an_agent_hangs(ends, agent, tmp_path, monkeypatch
         assert again.equal == again.decisions == report.decisions
     else:
         assert len(was_open) == 3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", ["frozen", "two-senders", "fast-clock", "dead"])
+@pytest.mark.parametrize("name", ["udp", "dds", "zenoh"])
+def test_a_fault_shuts_the_valves_over_every_bus(name, fault, agent, monkeypatch):
+    """The twin in a thread; a flight ends a second after readings contradict one another."""
+    pytest.importorskip({"dds": "cyclonedds", "zenoh": "zenoh"}.get(name, "rosbags"))
+    monkeypatch.setenv("ROS_DOMAIN_ID", "46")
+    names = [name, name]
+    if name == "zenoh":
+        names = ["zenoh:listen/tcp/127.0.0.1:17746", "zenoh:tcp/127.0.0.1:17746"]
+    ends = [*map(open_bus, names)]
+    opened: list[tuple[float, bool]] = []
+    stop = threading.Event()
+    platform = load_spacecraft("floating-platform")
+    other = TwinPlan(platform, PERIOD, start=(3.0, 1.0, 10.0), rate=RATE, fault=f"{fault}:3")
+    begun = time.monotonic()
+    twin = threading.Thread(target=run_twin, args=(ends[0], other, lambda _: None, stop.is_set))
+    publish = ends[1].publish
+
+    def sent(topic: str, kind: str, data: bytes) -> None:
+        if kind == FLOATS:
+            opened.append((time.monotonic(), any(unpack(FLOATS, data).data)))
+        publish(topic, kind, data)
+
+    ends[1].publish = sent  # type: ignore[method-assign]
+    twin.start()
+    try:
+        report = fly_over(ends[1], plan(agent), None, 10.0, lambda _: None)
+    finally:
+        stop.set()
+        twin.join()
+        for one in ends:
+            one.close()
+    assert report.fault
+    was_open = [moment - begun for moment, is_open in opened if is_open]
+    # Two periods after the fault, and what warming up the twin and a busy machine add.
+    assert 1.0 < was_open[-1] < 3.0 + 0.4 + 2.0
+    assert not any(is_open for _, is_open in opened[-3:])
