@@ -9,10 +9,9 @@ reading or a command, and no file makes a limit wider. A message is a stranger's
 from __future__ import annotations
 
 import math
-import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from operator import le
 from typing import Any, NamedTuple
@@ -20,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from rans.effectors.commands import command_bounds
-from rans.evaluation.fly.exported import LARGEST, OLDEST
+from rans.evaluation.fly.exported import LARGEST, LONGEST_PERIOD, OLDEST
 from rans.extend import Spacecraft, brief, is_finite
 from rans_robot.frames import Motion, small_turns
 from rans_robot.messages import read_table
@@ -134,10 +133,6 @@ _MOST_OF_RUN = 50
 """Messages in a row by which it is judged whether they come as slowly as they were measured."""
 _SPREAD = 20
 """Intervals between states by whose median their rate is judged."""
-_TICK = 0.005
-"""s after which the watchdog looks again, or a tenth of a control period."""
-_BETWEEN = 0.002
-"""s between two messages that shut the valves."""
 _STILL = np.zeros(3)
 _WINDOW = 2.0
 """s over which velocities are compared with the change of the pose."""
@@ -233,10 +228,12 @@ def description(data: bytes) -> tuple[str, str, float]:
         ValueError: it is no such message; a name may stand in a sentence.
     """
     name, digest, period = map(_table(data).get, ("name", "sha256", "control_period"))
-    if not (isinstance(name, str) and isinstance(digest, str) and is_finite(period)):
+    # A number of seconds that cannot be one would end the flight as another craft's.
+    is_period = is_finite(period) and 0.0 < period <= LONGEST_PERIOD  # type: ignore[operator]
+    if not (isinstance(name, str) and isinstance(digest, str) and is_period):
         raise ValueError(
-            f"name and sha256 of the spacecraft must be texts and control_period a number, got {brief(name)}, "
-            f"{brief(digest)} and {brief(period)}"
+            "name and sha256 of the spacecraft must be texts, and control_period above 0 and at most "
+            f"{LONGEST_PERIOD:g} s, got {brief(name)}, {brief(digest)} and {brief(period)}"
         )
     return brief(name), digest, float(period)  # type: ignore[arg-type]
 
@@ -844,87 +841,3 @@ class Monitor:
             and (now - refused[0]) * 1e-9 <= self._plan.lost_after
         ]
         return f" ({'; '.join(recent)})" if recent else ""
-
-
-class Valves:
-    """All that opens a robot's valves goes through here; a thread shuts them, whatever the agent does meanwhile.
-
-    A command passes if it comes in time, and none after the flight was stopped.
-
-    Args:
-        bus: to the robot.
-        period: control period, s.
-        shut: messages that shut all valves.
-        stopped: whether somebody wants the flight to end.
-    """
-
-    def __init__(
-        self, bus: Any, period: float, shut: list[Any], stopped: Callable[[], bool]
-    ) -> None:
-        self._bus = bus
-        self._share = round(RULES["time"].limits[0] * period * 1e9)
-        self.shut = shut
-        self._stopped = stopped
-        self._due: int | None = None
-        """When the decision was due that is computed now, ns."""
-        self._passes = True
-        self._lock = threading.Lock()
-        self._ended = threading.Event()
-        self._patience = min(_TICK, 0.1 * period)
-        self._thread = threading.Thread(target=self._watch, daemon=True, name="watchdog")
-        self._thread.start()
-
-    def expect(self, due: int) -> None:
-        """A decision that was due at a time of the monotonic clock, ns, is computed from now on."""
-        with self._lock:
-            self._passes = True
-            self._due = due
-
-    def send(self, messages: list[Any]) -> bool:
-        """Send a command, unless it comes too late or after the end."""
-        with self._lock:
-            self._judge()
-            self._due = None
-            if self._passes:
-                for message in messages:
-                    self._bus.publish(*message)
-            return self._passes
-
-    def close(self) -> str:
-        """Shut the valves several times; no error of the bus ends this.
-
-        Returns:
-            Why a message was never sent, in a sentence; "" where each was sent at least once.
-        """
-        self._ended.set()
-        with self._lock:
-            self._passes = False
-            return self._shut(int(RULES["stop"].limits[0]))
-
-    def _judge(self) -> None:
-        """Shut the valves if the decision is late, or somebody wants the end."""
-        late = self._due is not None and time.monotonic_ns() - self._due > self._share
-        if self._passes and (late or self._stopped()):
-            self._passes = False
-            self._shut(int(RULES["stop"].limits[0]))
-
-    def _watch(self) -> None:
-        while not self._ended.wait(self._patience):
-            with self._lock:
-                if not self._ended.is_set():
-                    self._judge()
-
-    def _shut(self, times: int) -> str:
-        left = {message.topic for message in self.shut}
-        why = ""
-        for _ in range(times):
-            for message in self.shut:
-                try:
-                    self._bus.publish(*message)
-                    left.discard(message.topic)
-                except Exception as error:  # whatever a bus raises
-                    why = str(error) or type(error).__name__
-            time.sleep(_BETWEEN)
-        if not left:
-            return ""
-        return f"the bus did not take the command that shuts the valves ({why}): the robot's watchdog must do it."

@@ -29,8 +29,9 @@ from rans_robot.bus import Bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Message
 from rans_robot.messages import TEXT, read_table, text_message
-from rans_robot.monitor import RULES, Valves, announced
+from rans_robot.monitor import RULES, announced
 from rans_robot.pilot import AGENT_TOPIC, NOTE_TOPIC, MessagePilot, Plan, craft_hash, runs_code
+from rans_robot.valves import Valves
 
 FLIGHT_TOPIC = "rans/flight"
 """First message of a bag: the plan, as JSON."""

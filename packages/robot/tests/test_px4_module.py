@@ -73,7 +73,7 @@ def motors_of_stand_in(folder) -> Motors:
         library.motors_of(*times, *numbers)
         return result
 
-    motors.library = library
+    motors.library = library  # type: ignore[attr-defined]
     return motors
 
 

@@ -108,6 +108,7 @@ def flown(folder: Path, robot: RobotName, fault: Fault, periods: int = 13) -> li
     platform = load_spacecraft("floating-platform")
     craft = Craft(TwinPlan(platform, PERIOD, rate=RATE, start=(2.0, 1.0, 40.0)))
     found = []
+    now = NOW
     for k in range(periods):
         for number in range((k - BEGIN) * STEPS, (k - BEGIN + 1) * STEPS):
             now = NOW + number * SECOND // RATE
