@@ -56,11 +56,8 @@ class Task(Settings, ABC):
         """
         if isinstance(task, cls):
             return task
-        from rans.tasks import registered_name
-
-        name = registered_name(task) or "TASK"
         raise ConfigError(
-            f"{purpose}, and {type(task).__name__} is not one: lqr flies most tasks, and rans train {name} makes "
+            f"{purpose}, and {type(task).__name__} is not one: lqr flies most tasks, and rans train TASK makes "
             "an agent."
         )
 
