@@ -74,7 +74,9 @@ class SoftDock(SingleTask):
     def done(self, state, goal):
         """Touched softly: the mission is over and won."""
         distance, speed = self.errors(state, goal).values()
-        return (distance < 0.05) & (speed < 0.05)
+        return (distance < self.position_tolerance) & (
+            speed < self.velocity_tolerance
+        )
 
 
 # %%
