@@ -201,8 +201,12 @@ class Page:
         checks = self.checks
         if checks and not checks[0][0]:
             return False
-        is_judged = not self.sheet or any(section.flies for section in self.sections)
-        return True if checks and is_judged and not self.undecided else None
+        return True if checks and self._has_flown and not self.undecided else None
+
+    @property
+    def _has_flown(self) -> bool:
+        """Whether an agent has flown, where the page is of one."""
+        return not self.sheet or any(section.flies for section in self.sections)
 
     @property
     def undecided(self) -> list[str]:
@@ -216,8 +220,9 @@ class Page:
         kept = sum(passed for passed, _ in self.checks)
         text = f"{kept} of {counted(len(self.checks), 'check')} passed"
         text += f", {len(self.undecided)} undecided" if self.undecided else ""
-        is_judged = not self.sheet or any(section.flies for section in self.sections)
-        return text + ("." if is_judged else ": no flight of an agent is among what was checked.")
+        return text + (
+            "." if self._has_flown else ": no flight of an agent is among what was checked."
+        )
 
     def summary(self) -> Table:
         """The few most telling lines of every section, for the terminal."""
