@@ -6,6 +6,7 @@ fair generator fails once in 10,000 choices of the seeds.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -107,3 +108,6 @@ def test_own_endpoints_replace_the_motion_and_keep_what_a_mission_adds():
     np.testing.assert_array_equal(own.goal.p.x, np.ones(3))
     np.testing.assert_array_equal(own.goal.notes.deadline, sampled.goal.notes.deadline)
     assert Endpoints(goal=own.goal).start is None
+    # So is what wheels hold.
+    held = replace(sampled, start=replace(sampled.start, stores=(np.arange(3.0),)))
+    np.testing.assert_array_equal(Endpoints(start).applied(held).start.stores, [np.arange(3.0)])

@@ -107,6 +107,9 @@ def test_the_checker_agrees(certificate):
     found = verdict(file.read_bytes(), network.read_bytes())
     # Both bound the same flights; polygons of 64 and of 48 sides differ by 0.1 % of a speed of 0.4 m/s.
     assert found == pytest.approx(min(table["margins"]), abs=1e-3)
+    # The least is that of all cells, whichever comes last.
+    table |= {name: table[name][1:] + table[name][:1] for name in ("cells", "margins")}
+    assert verdict(json.dumps(table).encode(), network.read_bytes()) == found
 
 
 @pytest.mark.parametrize(
@@ -227,6 +230,42 @@ def test_the_check_of_a_formula_with_a_hole_ends(hole, tmp_path, monkeypatch):
     with pytest.raises(Refused, match="more steps than are tried"):
         check.check(json.dumps(table).encode(), network)
     assert len(tried) <= 100 + 5 * 40
+
+
+def test_a_set_holds_a_motion_that_its_series_does_not_end():
+    """x' = x^2 from 0.5 is 1 / (2 - t): after 0.5 s the series is 1.3e-8 off, and its rests add up to 1.6e-8."""
+    from flint import arb, arb_mat, ctx
+    from rans_proof.balls import absolute_row_sums, column
+    from rans_proof.check_motion import Plant
+
+    ctx.prec = 80
+    start = column([arb("0.5")])
+    pieces = Plant(["x0 * x0 + 0 * u0"], 1, 0.5).move(
+        start, arb_mat(1, 1), arb_mat(1, 1), column([arb(0)]), [arb(0)]
+    )
+    _, (centre, spread), _ = pieces[-1]
+    off = abs(float(centre[0, 0].mid()) - 2.0 / 3.0)
+    assert 1e-9 < off < float(absolute_row_sums(spread)[0])
+
+
+@pytest.mark.parametrize(("upper", "is_proved"), [(1.5, False), (2.5, True)])
+def test_an_end_is_asked_of_the_last_instant_alone(upper, is_proved, tmp_path):
+    """From 0 at 0.9 to 1 m/s it is within 1.5 m after the first of two seconds, and beyond after both."""
+    from rans_proof.check import Loop
+    from rans_proof.check_problem import problem_table
+
+    network = written([Layer(np.zeros((1, 2)), np.zeros(1), "tanh")], tmp_path / "net.onnx")
+    text = f"""
+name = "a mass that coasts"
+period = 1.0
+steps = 2
+commands = 1
+derivative = ["x1 + 0 * u0", "0"]
+start = {{lower = [0.0, 0.9], upper = [0.1, 1.0]}}
+end = {{lower = [0.4, 0.8], upper = [{upper}, 1.1]}}
+"""
+    loop = Loop(problem_table(text), network.read_bytes())
+    assert (loop.margin([(0.0, 0.1), (0.9, 1.0)]) > 0.0) == is_proved
 
 
 def test_states_that_follow_from_exact_ones_need_no_shorter_steps():
