@@ -138,25 +138,33 @@ def test_actions(door, wrong):
         refused(door.step, [row] if door.rows == 1 else row, "ction")
 
 
-@pytest.mark.parametrize("kind", ["lists", "truths", "bfloat16", "double", "tensor", "ulp"])
-def test_actions_that_mean_the_same_fly_the_same(door, kind):
-    if door.name == "engine" and kind in ("ulp", "bfloat16"):
-        pytest.skip("who steps an engine stays within its bounds, in numbers that NumPy knows")
-    full = np.ones((door.rows, door.width), np.float32)
-    ways: dict[str, Any] = {
-        "lists": full.tolist(),
-        "truths": full.astype(bool),
-        "bfloat16": torch.ones(door.rows, door.width, dtype=torch.bfloat16),
-        "double": full.astype(float),
-        "tensor": torch.ones(door.rows, door.width, requires_grad=door.name != "engine"),
-        "ulp": np.nextafter(full, np.float32(2.0)),
-    }
+SAME: dict[str, Callable[[np.ndarray], Any]] = {
+    "lists": np.ndarray.tolist,
+    "tuple": tuple,
+    "truths": lambda x: x.astype(bool),
+    "double": lambda x: x.astype(float),
+    "wide": lambda x: x.astype(np.longdouble),
+    "big-endian": lambda x: x.astype(">f4"),
+    "mirrored": lambda x: x[:, ::-1].copy()[:, ::-1],
+    "read-only": lambda x: np.broadcast_to(x[:1], x.shape),  # as JAX and memory maps give them
+    "tensor": lambda x: torch.tensor(x, requires_grad=True),
+    "bfloat16": lambda x: torch.tensor(x, dtype=torch.bfloat16),
+    "ulp": lambda x: x * np.nextafter(np.float32(1.0), np.float32(2.0)),
+}
+
+
+@pytest.mark.parametrize("kind", SAME)
+@pytest.mark.parametrize("name", [name for name in DOORS if name != "engine"])
+def test_actions_that_mean_the_same_fly_the_same(name, kind):
+    door = opened(name)
+    plain = np.tile(np.array([1.0, 0.0], np.float32), (door.rows, door.width // 2))
     seen = []
-    for action in (full, ways[kind]):
+    for action in (plain, SAME[kind](plain)):
         door.reset(3)
-        step = door.step(action)
-        first = step[0] if not isinstance(step[0], dict) else np.stack([*step[0].values()])
-        seen.append(np.asarray(first).copy())
+        first = door.step(action)[0]
+        seen.append(
+            np.stack([*first.values()]) if isinstance(first, dict) else np.asarray(first).copy()
+        )
     np.testing.assert_array_equal(seen[0], seen[1])
 
 

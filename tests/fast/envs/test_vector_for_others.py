@@ -131,28 +131,6 @@ def test_gradients_end_at_the_environment():
     assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
 
 
-@pytest.mark.parametrize(
-    "kind",
-    {
-        "big-endian": lambda x: x.astype(">f4"),
-        "wide": lambda x: x.astype(np.longdouble),
-        "mirrored": lambda x: x[:, ::-1].copy()[:, ::-1],
-        "a tuple": tuple,
-        "read-only": lambda x: np.broadcast_to(x[:1], x.shape),
-    }.items(),
-    ids=lambda kind: kind[0],
-)
-def test_arrays_that_torch_does_not_take_or_warns_of(kind):
-    """JAX and memory maps give read-only ones."""
-    plain = np.tile(np.array([1.0, 0.0] * 4), (COUNT, 1))
-    results = []
-    for action in (plain, kind[1](plain)):
-        env = make()
-        env.reset(seed=1)
-        results.append(env.step(action)[0])  # type: ignore[arg-type]
-    assert torch.equal(*results)
-
-
 @pytest.mark.filterwarnings("ignore:.*precision lowered")  # Gymnasium's own, where it rescales
 def test_gymnasiums_wrappers_of_actions():
     """Behind the one that makes arrays of tensors: -1 shuts and 1 opens where actions are rescaled."""
