@@ -373,9 +373,9 @@ def test_extras_that_errors_and_pages_name_exist():
 
 OF_OTHERS = {
     *("RANK", "WORLD_SIZE", "LOCAL_RANK", "LOCAL_WORLD_SIZE", "TORCHELASTIC_ERROR_FILE"),
-    *("DISPLAY", "WAYLAND_DISPLAY"),
+    *("COLUMNS", "DISPLAY", "WAYLAND_DISPLAY"),
 }
-"""Variables that torchrun and the desktop set, and no user."""
+"""Variables that torchrun, terminals and the desktop set, and no user."""
 
 
 def test_environment_variables_are_listed():
