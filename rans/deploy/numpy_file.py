@@ -25,8 +25,6 @@ _OF_TABLES: dict[str, str] = {
     "Reshape": "{0}.reshape({1})",
     "MatMul": "{0} @ {1}",
     "Transpose": "np.transpose({0}, {perm})",
-    "ReduceMax": "np.max({0}, axis=-1, keepdims=True)",
-    "ReduceSum": "np.sum({0}, axis=-1, keepdims=True)",
     "Gemm": "{0} @ {1}.T + {2}",
     "ArgMax": "np.argmax({0}, axis=1)",
     "Gather": "{0}[{1}]",

@@ -7,8 +7,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from rans.model.dynamics import RULES
 from rans.model.fields import Vec3, leaves
-from rans.model.rotation import Rotation as Step, exponential, turned
+from rans.model.rotation import Rotation as Step, exponential, pulled, turned
 
 
 @pytest.mark.parametrize(("angle", "error"), [(0.1, 1e-15), (1.0, 4e-8), (-1.0, 4e-8)])
@@ -55,3 +56,13 @@ def test_a_step_of_a_changing_rate_turns_as_scipy_integrates():
     assert (ratios[:3] > 40.0).all()
     assert ratios[3] > 80.0
     assert errors[0].max() < 1e-4
+
+
+def test_a_torque_of_the_world_that_grows_is_integrated_twice():
+    """2 N m from 1 to 1.5 times as large: once 2 (1 + 0.5 / 2), twice 2 (1 / 2 + 0.5 / 6); 3 N m of B beside it."""
+    still = Vec3(0.0, 0.0, 0.0)
+    turns = [(still, node, weight) for node, weight in RULES[3]]
+    steady = [Vec3(0.0, 0.0, 2.0)] * 3
+    once, twice = pulled([Vec3(0.0, 0.0, 3.0)], turns, steady, (1.0, 0.5))
+    assert leaves(once) == pytest.approx([0.0, 0.0, 2.5 + 3.0])
+    assert leaves(twice) == pytest.approx([0.0, 0.0, 7.0 / 6.0 + 1.5])

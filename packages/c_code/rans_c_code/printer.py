@@ -233,8 +233,6 @@ class Printer:
                 first, rows, columns = value.shape
                 result = self._result(name, (first, columns, rows), value.kind)
                 self._set(result, f"{value.text}[i % {rows} * {columns} + i / {rows}]")
-            case "ReduceMax" | "ReduceSum":
-                self._reduced(step)
             case "MatMul" | "Add" if name in self._scores.parts:
                 pass  # the search below computes them one by one
             case "MatMul" if len(self._value(step.inputs[1]).shape) > 2:
@@ -370,31 +368,6 @@ class Printer:
             f"        sum += {a.text}[i / {columns} * {inner} + k] * {b.text}[k * {columns} + i % {columns}];",
             "    }",
             f"    {result.text}[i] = sum;",
-            "}",
-        ]
-
-    def _reduced(self, step: RowStep) -> None:
-        """Print the largest number of each row, or their sum in the order of the columns."""
-        value = self._value(step.inputs[0])
-        width = value.shape[-1]
-        result = self._result(step.outputs[0], (*value.shape[:-1], 1))
-        entry = f"{value.text}[i * {width} + k]"
-        text = f"fmaxf(found, {entry})" if step.operation == "ReduceMax" else f"found + {entry}"
-        if not result.is_array:
-            # Of a single row the result is a number.
-            self._lines += [
-                f"float {result.text} = {value.text}[0];",
-                f"for (int i = 0; i < {width - 1}; ++i) {{",
-                f"    const float found = {result.text};",
-                f"    {result.text} = {text.replace(entry, f'{value.text}[i + 1]')};",
-                "}",
-            ]
-            return
-        self._lines += [
-            f"for (int i = 0; i < {result.size}; ++i) {{",
-            f"    float found = {value.text}[i * {width}];",
-            f"    for (int k = 1; k < {width}; ++k) {{ found = {text}; }}",
-            f"    {result.text}[i] = found;",
             "}",
         ]
 
