@@ -31,6 +31,7 @@ from rans import ConfigError, GoToPose, load_spacecraft
 from rans.base.pretrained import pretrained_folder
 from rans.deploy.export import write_export
 from rans.evaluation.fly.exported import read_contract
+from tests.support.processes import ROOT
 from tests.support.robots import AWAY, Always, Wire, plan
 
 SECOND = 10**9
@@ -351,3 +352,13 @@ def test_a_fault_shuts_the_valves_over_every_bus(name, fault, agent, monkeypatch
     # Two periods after the fault, and what warming up the twin and a busy machine add.
     assert 1.0 < was_open[-1] < 3.0 + 0.4 + 2.0
     assert not any(is_open for _, is_open in opened[-3:])
+
+
+def test_the_page_has_the_table():
+    page = (ROOT / "packages/robot/docs/robots.md").read_text("utf-8")
+    begin = page.index("| judged |")
+    rows = [
+        f"| {rule.asks} | {rule.text.format(*rule.limits)} | {rule.tighter} | {rule.does} |"
+        for rule in RULES.values()
+    ]
+    assert page[begin:].split("\n\n")[0].splitlines()[2:] == rows
