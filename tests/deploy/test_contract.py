@@ -138,7 +138,7 @@ def test_the_documented_loop_shuts_the_valves_on_an_old_state(folder):
     documented(
         folder("go-to-pose-2d"),
         lambda: not ages,
-        estimated_state=lambda: (here, ages.pop(0)),
+        estimated_state=lambda: (here | {"spin": 0.01 * len(ages)}, ages.pop(0)),
         goal=lambda: here | {"position": [0.0, 0.0]},
         valves=commands.append,
         warn=said.append,
