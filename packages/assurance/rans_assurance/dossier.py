@@ -228,13 +228,13 @@ class Dossier:
         if about.get("is_partial"):
             return f"{file.name} is of an interrupted command"
         recorded = about["hashes"]
-        wanted = self.hashes if source.of in ("question", "agent") else {}
-        if source.of == "agent":
-            wanted = {key: x for key, x in wanted.items() if key != "task and timing"}
-        if source.of == "spacecraft":
-            wanted = {"spacecraft": self.hashes["spacecraft"]}
-        for key, value in wanted.items():
-            if recorded.get(key) != value:
+        of_others = {
+            "agent": {"task and timing"},
+            "spacecraft": self.hashes.keys() - {"spacecraft"},
+        }
+        left_out = self.hashes if source.of == "simulation" else of_others.get(source.of, ())
+        for key, value in self.hashes.items():
+            if key not in left_out and recorded.get(key) != value:
                 what = "is of another" if key in recorded else "says nothing of its"
                 return f"{file.name} {what} {key}"
         return ""

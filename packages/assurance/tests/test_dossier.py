@@ -161,18 +161,18 @@ def test_another_processor_is_told(folder):
 
 
 @pytest.mark.parametrize(
-    ("one", "other"),
+    ("one", "other", "key"),
     [
-        ("multi-task-2d#track-velocity", "multi-task-2d#track-twist"),
-        ("go-to-pose-2d-trade-off#0", "go-to-pose-2d-trade-off#1"),
-        ("any-craft-2d#0", "any-craft-2d#1"),
-        ("lqr:go-to-pose-2d", "lqr:go-to-pose-2d@atmos"),
-        ("lqr:go-to-pose-2d", "lqr:go-to-position-2d"),
+        ("multi-task-2d#track-velocity", "multi-task-2d#track-twist", "task and timing"),
+        ("go-to-pose-2d-trade-off#0", "go-to-pose-2d-trade-off#1", "task and timing"),
+        ("any-craft-2d#0", "any-craft-2d#1", "task and timing"),
+        ("lqr:go-to-pose-2d", "lqr:go-to-pose-2d@atmos", "spacecraft"),
+        ("lqr:go-to-pose-2d", "lqr:go-to-position-2d", "task and timing"),
     ],
 )
-def test_a_question_is_of_its_task_and_trade_off(one, other):
+def test_a_question_is_of_its_task_and_trade_off(one, other, key):
     hashes = [question_hashes(name, contestant(name).judged) for name in (one, other)]
-    assert hashes[0] != hashes[1]
+    assert hashes[0][key] != hashes[1][key]
     assert hashes[0].keys() == hashes[1].keys()
     assert hashes[0] == question_hashes(one, contestant(one).judged)
 
@@ -232,9 +232,10 @@ def test_a_result_of_another_question_is_no_evidence(old, new, why, folder):
     here = Dossier(AGENT)
     assert not any(row.file for row in here.rows)
     assert any(f"assurance.json {why}" in row.what for row in here.rows)
-    # An export is of an agent for all of its tasks.
-    other = here._other(SOURCES[0], folder / "assurance.json")
-    assert (not other) == old.startswith('"task')
+    # An export is of an agent for all of its tasks, and a validation of its spacecraft alone.
+    of = {source.of: here._other(source, folder / "assurance.json") for source in SOURCES}
+    assert (not of["agent"]) == old.startswith('"task')
+    assert (not of["spacecraft"]) == (old != '"hashes"')
 
 
 def test_a_page_is_green_by_flights_of_its_agent_and_all_bounds_alone():
