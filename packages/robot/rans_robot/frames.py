@@ -66,13 +66,7 @@ def rotation(quaternion: Vector) -> Rotation:
     return Rotation.from_quat(quaternion, scalar_first=True)
 
 
-def quaternion_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product of quaternions (..., 4), scalar first."""
-    q = Quat(*np.moveaxis(a, -1, 0)).times(Quat(*np.moveaxis(b, -1, 0)))
-    return np.stack([q.w, q.x, q.y, q.z], axis=-1)
-
-
 def small_turns(begin: np.ndarray, end: np.ndarray) -> np.ndarray:
-    """Small rotations (..., 3), rad, in B, from attitudes (..., 4) to others."""
-    turn = quaternion_products(begin * [1.0, -1.0, -1.0, -1.0], end)
-    return 2.0 * turn[..., 1:] * np.where(turn[..., :1] < 0.0, -1.0, 1.0)
+    """Small rotation (3,), rad, in B, from an attitude (4,) to another."""
+    turn = Quat(*begin.tolist()).to(Quat(*end.tolist()))
+    return np.array([turn.x, turn.y, turn.z]) * np.copysign(2.0, turn.w)

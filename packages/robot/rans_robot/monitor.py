@@ -719,7 +719,7 @@ class Monitor:
                 return self._no_state(missing, now, age), True
             causes = self._causes(missing, now)
             return f"waiting for a state on {' and '.join(missing)}{causes}", False
-        self._contradict(now)
+        alarm = self.contradiction(now)
         # Parts that are older than the contract allows: wait, or give the robot up.
         stale = [topic for topic in ages if ages[topic] > self.oldest + 1e-9]
         if stale:
@@ -740,11 +740,21 @@ class Monitor:
                     f"states on {topic} come every {usual:.2f} s, but the agent decides every {self.period:g} s",
                     True,
                 )
-        # Readings that contradict one another, now or within the last periods.
+        if alarm is None:
+            return None
+        since, sentence = alarm
+        return sentence, (now - since) * 1e-9 > self._lost_after
+
+    def contradiction(self, now: int) -> tuple[int, str] | None:
+        """Since when, ns, and how readings contradict one another or commands; asked once at each decision.
+
+        None: they do not, and did not within the last periods.
+        """
+        self._contradict(now)
         if self._alarm is None or now - self._alarm[1] > PERSISTS * self.period * 1e9:
             return None
         since, _, sentence = self._alarm
-        return sentence, (now - since) * 1e-9 > self._lost_after
+        return since, sentence
 
     def _raise(self, now: int, sentence: str) -> None:
         """Readings contradict one another at a time, ns."""

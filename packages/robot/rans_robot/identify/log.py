@@ -9,12 +9,15 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 import rans.base.csv_file
 from rans.extend import ConfigError, Spacecraft, brief, counted
-from rans_robot.monitor import PERSISTS
+from rans_robot.monitor import PERSISTS, Monitor, Reading
 
 LARGEST_LOG = 2**28
 """Bytes of a CSV file: an hour of readings at 100 Hz has a quarter of it."""
@@ -35,6 +38,11 @@ _BOUNDS = {
     "spin": (1e4, "rad/s"),
 }
 """Largest readings, far above those of any laboratory; a heading of 1e6 rad still has nine digits of an angle."""
+
+_POSE_NOISE = (0.002, 0.005)
+"""m and rad: noise of poses, by which velocities are filtered where none were measured, as in flight."""
+_MOST_WRONG = 0.2
+"""Part of the readings up to which they may be left out."""
 
 _COLUMNS = {
     2: {"x": "m", "y": "m", "heading": "rad", "vx": "m/s", "vy": "m/s", "spin": "rad/s"},
@@ -140,34 +148,72 @@ def checked_log(log: FlightLog, craft: Spacecraft) -> FlightLog:
             f"{what} has {counted(int(inside.sum()), 'reading')} while commands were given; at least "
             f"{_FEWEST_READINGS} are needed. Do both have the same clock?"
         )
-    still = _still(log, craft)
-    notes = log.notes
-    if still.any():
-        notes += (
-            f"{log.source}: {counted(int(still.sum()), 'reading')} left out that repeat under thrust, from "
-            f"{log.times[still][0]:g} s on: was the sensor frozen?",
-        )
-    parts = {name: getattr(log, name)[inside & ~still] for name in ("times", *_BOUNDS)}
-    result = replace(log, **parts, notes=notes)
+    parts = {name: getattr(log, name)[inside] for name in ("times", *_BOUNDS)}
+    result = replace(log, **parts)
     _check_readings(what, result)
     begin = log.command_times[0]
-    return replace(result, command_times=log.command_times - begin, times=result.times - begin)
+    times = {"command_times": log.command_times - begin, "times": result.times - begin}
+    return _believed(what, replace(result, **times), craft)
 
 
-def _still(log: FlightLog, craft: Spacecraft) -> np.ndarray:
-    """Whether each reading (M,) repeats that before, for longer than a flight believes it under thrust."""
-    rows = np.column_stack([getattr(log, name) for name in _BOUNDS])
-    given = log.commands[np.searchsorted(log.command_times[1:], log.times[:-1], "right")]
-    pushed = np.abs(given[:, : craft.thruster_count] @ craft.wrenches).max(axis=1) > 1e-9
-    same = ((rows[1:] == rows[:-1]) | (np.isnan(rows[1:]) & np.isnan(rows[:-1]))).all(axis=1)
-    still = np.append(False, same & pushed)
-    # First and last reading of each row of equal ones.
-    numbers = np.arange(len(still))
-    first = np.maximum.accumulate(np.where(still, 0, numbers))
-    last = np.zeros_like(first)
-    np.maximum.at(last, first, numbers)
-    lasts = log.times[last[first]] - log.times[first]
-    return still & (lasts >= (PERSISTS - 0.5) * log.period)
+def _believed(what: str, log: FlightLog, craft: Spacecraft) -> FlightLog:
+    """The log without readings that a monitor of flights does not believe, in a note.
+
+    Raises:
+        ConfigError: they are more than a few, which is no fault of a moment.
+    """
+    has_rates = not (np.isnan(log.velocity).all() or np.isnan(log.spin).all())
+    interface = SimpleNamespace(inputs=("pose", "twist")[: 1 + has_rates], has_velocity=has_rates)
+    plan = SimpleNamespace(lost_after=np.inf, wait=np.inf, pose_noise=_POSE_NOISE)
+    contract = {"control_period": log.period, "readings": {"oldest": np.inf}, "observation": []}
+    monitor = Monitor(craft, contract, interface, plan)
+    # Readings in space, of which a planar craft has its plane; those of a message are complete.
+    position, attitude, velocity, spin = log.position, log.attitude, log.velocity, log.spin
+    if craft.dimension == 2:
+        position, velocity = (np.pad(x, ((0, 0), (0, 1))) for x in (position, velocity))
+        attitude = Rotation.from_euler("z", attitude[:, None]).as_quat(scalar_first=True)
+        spin = np.pad(spin[:, None], ((0, 0), (2, 0)))
+    pose: Any = ~np.isnan(np.hstack([position, attitude])).any(axis=1)
+    twist: Any = ~np.isnan(np.hstack([velocity, spin])).any(axis=1)
+    # Readings and commands as they came, by a clock that begins at a second.
+    stamps = 10**9 + np.rint(1e9 * log.times).astype(np.int64)
+    wrong = np.zeros(len(log.times), bool)
+    why = ""
+    last = max(log.command_times[-1], log.times[-1]) + log.period
+    decisions = np.arange(0.0, last, max(log.period, last / MOST_READINGS))
+    held = np.searchsorted(log.command_times, decisions + 1e-9, side="right") - 1
+    ends = np.searchsorted(log.times, decisions + 1e-9, side="right")
+    begin = 0
+    for time, command, end in zip(decisions, held, ends, strict=True):
+        for k in range(begin, end):
+            stamp = int(stamps[k])
+            try:
+                if pose[k]:
+                    monitor.take("pose", Reading(stamp, position[k], attitude[k]), stamp)
+                if has_rates and twist[k]:
+                    monitor.take("twist", Reading(stamp, None, None, velocity[k], spin[k]), stamp)
+            except ValueError as error:
+                wrong[k] = True
+                why = why or str(error)
+        begin = end
+        alarm = monitor.contradiction(10**9 + round(1e9 * time))
+        if alarm is not None:
+            # A rule needs some periods to be sure.
+            since = (alarm[0] - 10**9) * 1e-9 - (1 + PERSISTS) * log.period
+            wrong[(log.times > since) & (log.times <= time + 1e-9)] = True
+            why = why or alarm[1]
+        monitor.gave(log.commands[command])
+    if not wrong.any():
+        return log
+    first = f"the first at {log.times[wrong][0]:.4g} s: {why}"
+    if wrong.mean() > _MOST_WRONG:
+        raise ConfigError(
+            f"{what} has {counted(int(wrong.sum()), 'reading')} of {len(wrong)} that cannot be, {first}. The usual "
+            "cause is a column in other units, such as a heading in degrees, or in another frame or order."
+        )
+    parts = {name: getattr(log, name)[~wrong] for name in ("times", *_BOUNDS)}
+    note = f"{log.source}: {counted(int(wrong.sum()), 'reading')} left out, {first}."
+    return replace(log, **parts, notes=(*log.notes, note))
 
 
 def _check_times(what: str, name: str, times: np.ndarray) -> None:

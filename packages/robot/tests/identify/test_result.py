@@ -19,6 +19,7 @@ from rans.episode.scenario import scenarios
 from rans.model.spacecraft_file import load_spacecraft
 
 PLATFORM = load_spacecraft("floating-platform")
+RATES = "velocity", "spin"
 
 
 @pytest.fixture(scope="module")
@@ -135,6 +136,23 @@ def test_the_log_of_another_craft_is_refused(flight):
         rans.identify(flight, "free-flyer")
 
 
+@pytest.mark.parametrize("fault", ["frozen", "zero"])
+def test_readings_that_cannot_be_are_left_out_and_named(fault, flight, found):
+    """A second of repeated readings moved forces by 8 deviations, a row of zeros by 3, without a word."""
+    parts = {name: getattr(flight, name).copy() for name in ("position", "attitude", *RATES)}
+    for values in parts.values():
+        values[20:25] = values[20] if fault == "frozen" else values[20:25]
+        values[22] *= fault == "frozen"
+    again = rans.identify(replace(flight, **parts), PLATFORM)
+    assert any("readings left out, the first at" in note for note in again.notes())
+    # A sixth of the readings is gone; what is left says the same within what 1 of 1,000 numbers exceeds.
+    off = (again.fit.values - found.fit.values) / again.fit.deviations
+    assert np.abs(off).max() < 3.3
+    # Velocities of no sensor are more than a moment's fault.
+    with pytest.raises(ConfigError, match="of 60 that cannot be"):
+        rans.identify(replace(flight, **{name: 0.0 * parts[name] for name in RATES}), PLATFORM)
+
+
 @pytest.mark.parametrize("column", ["heading", "x and y", "spin", "feet"])
 def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_written(
     column, flight, tmp_path, monkeypatch, capsys
@@ -151,7 +169,8 @@ def test_a_channel_that_the_commands_do_not_explain_is_named_and_nothing_is_writ
     monkeypatch.chdir(tmp_path)
     assert main(f"identify {file} --spacecraft floating-platform".split()) == 2
     said = capsys.readouterr().err
-    assert ("attitude (error" if column in ("heading", "spin") else "position (error") in said
+    said_of = {"heading": "attitude (error", "x and y": "position (error"}
+    assert said_of.get(column, "of 60 that cannot be") in said
     assert not (tmp_path / "identified").exists()
     if column == "x and y":  # nor has Python numbers of it
         with pytest.raises(ConfigError, match="do not explain"):
