@@ -259,6 +259,9 @@ class Soft(GoToPose):
 
     velocity_tolerance: float = 0.1
 
+    def errors(self, state: Any, goal: Any) -> dict[str, Any]:
+        return {"position": (goal.p - state.p).norm()}
+
 
 @dataclass(frozen=True)
 class Aside(GoToPose):
