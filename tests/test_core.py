@@ -221,12 +221,12 @@ def test_what_is_missing_is_an_import_error_too():
 @pytest.mark.parametrize("extra", sorted({*EXTRAS.values()} - {"agents"}))
 def test_what_installs_an_extra_names_no_distribution_of_ours(extra, tmp_path, monkeypatch):
     """From a checkout its path; else third parties alone, as no index has RANS and anybody may take its name."""
-    assert installing(extra) == f"pip install -e '{ROOT}[{extra}]'"
+    assert installing(extra) == f"python -m pip install -e '{ROOT}[{extra}]'"
     monkeypatch.setattr(rans.base.errors, "CHECKOUT", tmp_path)
     words = shlex.split(installing(extra))
-    assert words[:2] == ["pip", "install"]
-    assert len(words) > 2
-    for word in words[2:]:
+    assert words[:4] == ["python", "-m", "pip", "install"]
+    assert len(words) > 4
+    for word in words[4:]:
         assert not word.startswith("rans")
         assert Requirement(word).extras == set()
         assert "extra" not in word

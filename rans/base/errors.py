@@ -377,6 +377,9 @@ EXTRAS = {
 CHECKOUT = Path(__file__).parents[2]
 """Folder of the repository, where RANS runs from one; else that in which packages are installed."""
 
+_PIP = "python", "-m", "pip", "install"
+"""Not the first pip on the path, which may be that of another Python."""
+
 
 def installing(extra: str) -> str:
     """Command that installs the packages of an extra of RANS into this environment.
@@ -384,7 +387,7 @@ def installing(extra: str) -> str:
     RANS is on no index, and anybody could take its name there: the command has the path of the checkout, or the
     names of third parties alone.
 
-    >>> rans.base.errors.installing("fast").startswith("pip install ")
+    >>> rans.base.errors.installing("fast").startswith("python -m pip install ")
     True
 
     Args:
@@ -393,10 +396,10 @@ def installing(extra: str) -> str:
     if extra == "agents":
         return installing_folder("agents", "rans_agents-*.whl")
     if (CHECKOUT / "pyproject.toml").is_file():
-        return shlex.join(["pip", "install", "-e", f"{CHECKOUT}[{extra}]"])
+        return shlex.join([*_PIP, "-e", f"{CHECKOUT}[{extra}]"])
     own = re.compile(rf"""(?:\band )?\bextra == ["']{extra}["']""")
     needed = [line for line in metadata.requires("rans") or () if own.search(line)]
-    return shlex.join(["pip", "install", *(own.sub("", line).strip("; ") for line in needed)])
+    return shlex.join([*_PIP, *(own.sub("", line).strip("; ") for line in needed)])
 
 
 def installing_folder(folder: str, elsewhere: str = "") -> str:
@@ -407,8 +410,8 @@ def installing_folder(folder: str, elsewhere: str = "") -> str:
         elsewhere: what a user of wheels installs; empty: the folder of the repository.
     """
     if (CHECKOUT / folder).is_dir():
-        return shlex.join(["pip", "install", str(CHECKOUT / folder)])
-    return f"pip install {elsewhere or f'the folder {folder} of the repository of RANS'}"
+        return shlex.join([*_PIP, str(CHECKOUT / folder)])
+    return f"{' '.join(_PIP)} {elsewhere or f'the folder {folder} of the repository of RANS'}"
 
 
 class MissingPackage(ConfigError, ImportError):

@@ -88,7 +88,7 @@ def test_without_the_second_distribution(monkeypatch, ran):
     with pytest.raises(MissingPackage):
         contestant("avoid-2d")
     assert contestant("go-to-pose-3d").controller.name == "go-to-pose-3d"
-    assert f"20 more agents: pip install {ROOT / 'agents'}" in ran("list agents")
+    assert f"20 more agents: python -m pip install {ROOT / 'agents'}" in ran("list agents")
 
 
 def test_an_agent_of_the_core_has_precedence(tmp_path, monkeypatch):
