@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from contextlib import suppress
 from copy import copy
 from pathlib import Path
@@ -11,14 +12,32 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from rans import TASKS, Conditions
-from rans.extend import ConfigError, RunFolder, Spacecraft, State, Timing, reading
+from rans import (
+    TASKS,
+    BodyConditions,
+    Conditions,
+    DisturbanceConditions,
+    FaultConditions,
+    RansWarning,
+    SensorConditions,
+    SensorsConditions,
+    ThrusterConditions,
+)
+from rans.extend import (
+    REST_SPIN,
+    ConfigError,
+    RunFolder,
+    Spacecraft,
+    State,
+    Timing,
+    reading,
+)
 from rans_value.belief import Belief
+from rans_value.common import ATTITUDE, WEIGHTS, CommonProblem, CommonValue
 from rans_value.goal_frame import GoalFrame
 from rans_value.greedy import Greedy
 from rans_value.network import ValueNetwork
-from rans_value.problem import TRADE_OFF, PoseProblem
-from rans_value.varied import VariedProblem
+from rans_value.problem import TRADE_OFF, PoseProblem, parted
 
 POSES = (TASKS["go-to-pose"], TASKS["go-to-pose-priced"])
 """Flights to a pose, to which a value function of either flies at any trade-off."""
@@ -40,32 +59,9 @@ def check_craft(craft: Spacecraft) -> None:
         )
 
 
-_KEPT = 0.6
-"""Part of the tolerance of the position within which flights under conditions are held by values of flights as
-designed."""
-
-
-class _BetweenSpins:
-    """Values of craft under conditions by those of the design: means at the next spins that its pulses can reach.
-
-    Other spins come to rest by no pulses of the design, and its value function has hardly seen any.
-    """
-
-    def __init__(self, value: ValueNetwork) -> None:
-        self.mean = value.mean
-        self._value = value
-
-    def __call__(self, state: Tensor) -> Tensor:
-        """Values of states of a `VariedProblem`, s."""
-        designed = torch.cat((state[:6], state[-1:]))
-        pulse = self._value.problem.spin_steps[0]
-        pulses = designed[5] / pulse
-        low = pulses.floor()
-        below, above = (
-            self._value(torch.cat((designed[:5], x[None] * pulse, designed[6:])))
-            for x in (low, low + 1.0)
-        )
-        return torch.lerp(below, above, pulses - low)
+_OFF = 0.8 * REST_SPIN
+"""Spin, rad/s, by which a state is off the sums of whole pulses for the values of a fit to one craft: from 5
+degrees/s on none of 48 flights was solved."""
 
 
 class GreedyController:
@@ -100,8 +96,7 @@ class GreedyController:
             raise ConfigError(
                 f"{folder} has no value function: train with --set algorithm=value, and keep the checkpoint."
             )
-        priced: Any = TASKS["go-to-pose-priced"]()
-        self._trade_off: float = priced.parts()[str(trade_off)].held_trade_off
+        self._trade_off = _held(trade_off)
         settings: Any = config.settings
         most: float = settings.tolerances()["position"]
         if position_tolerance is not None and not 0.0 < position_tolerance <= most:
@@ -111,9 +106,7 @@ class GreedyController:
             )
         self.files = run.config_file, run.checkpoint_file
         self._setup = run.spacecraft(), settings, config.timing
-        self._tolerance = position_tolerance or most
-        kind = PoseProblem if config.conditions.or_none is None else VariedProblem
-        problem = kind(*self._setup, position_tolerance)
+        problem = PoseProblem(*self._setup, position_tolerance)
         value = ValueNetwork(problem, torch.zeros(problem.rows, 2), config.learner["units"])
         with reading(run.config_file):  # which the checkpoint may not fit
             value.load_state_dict(run.load_checkpoint("cpu")["learner"]["average"])
@@ -124,74 +117,173 @@ class GreedyController:
                 "or a spread not above 0."
             )
         self.name = f"{'installed ' * (run.path.parent == SHIPPED)}value of {run.path.name}"
-        self.greedy = self._designed = Greedy(problem, value)
+        self.greedy = Greedy(problem, value)
         # In space some spins that arrive would not come to rest, and an end by success is an arrival anyway.
         arrives = problem.dimension == 2 and not problem.frame.ends_well
         self._outside = Greedy(problem, value, arrives)
-        self._belief: Belief | None = None
 
-    def expecting(self, conditions: Conditions | None) -> GreedyController:
-        """The controller that estimates in flight what conditions may be, in the plane without limits or an end.
-
-        See `rans_value.belief`. If its training had none it keeps to a part of the tolerance of the position. None:
-        all is as designed.
-        """
-        made = copy(self)
-        made.greedy, made._belief = self._designed, None
-        problem = made.greedy.problem
-        craft, task, timing = self._setup
-        is_modelled = craft.dimension == 2 and not craft.wheels
-        if conditions is not None and is_modelled and type(task) in POSES:
-            if not isinstance(problem, VariedProblem):
-                kept = craft, task, timing, _KEPT * self._tolerance
-                problem = VariedProblem(*kept)
-                value: Any = copy(made.greedy.value)
-                value.problem = PoseProblem(*kept)
-                made.greedy = Greedy(problem, _BetweenSpins(value))
-            made._belief = Belief(problem, conditions, timing)
-        return made
+        self._begins = True
+        self._by_all: CommonController | None = None
+        if flies_common(run.spacecraft(), settings):
+            with suppress(ConfigError):  # a craft that is stronger or weaker than all
+                self._by_all = CommonController(*self._setup, self._trade_off)
 
     def reset(self, count: int) -> None:
-        """Begin ``count`` flights; what is remembered are estimates under conditions."""
-        if self._belief is not None:
-            self._belief.reset(count)
+        """Begin ``count`` flights."""
+        self._begins = True
+
+    def expecting(self, conditions: Conditions | None) -> GreedyController | CommonController:
+        """The controller that estimates in flight what conditions may be, by the common values where these fly."""
+        if conditions is None or self._by_all is None:
+            return self
+        return self._by_all.expecting(conditions)
 
     @torch.no_grad()
     def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
         """Commands (N, n) of states."""
-        belief, like, problem = self._belief, self.greedy.value.mean, self.greedy.problem
-        number = like if belief is None else like.double()
-        seen = problem.frame.relative(state, goal, number, self._trade_off)
-        seen = problem.with_parameters(seen) if belief is None else belief.read(seen).to(like)
+        problem = self.greedy.problem
+        seen = problem.frame.relative(state, goal, self.greedy.value.mean, self._trade_off)
         command = seen.new_zeros(seen.shape[1], problem.craft.command_count)
         # Only flights that go on. Near limits a period more: errors of the value lose flights there.
         goes_on = ~problem.frame.is_over(seen)
         periods = 3 if problem.limits else 2
-        holds = problem.inside(seen)[1] | (belief is not None)
+        holds = problem.inside(seen)[1]
+        # Nearly all spins of the fit were sums of whole pulses: its values know nothing of others.
+        steps = seen.new_tensor(problem.spin_steps)[:, None]
+        pulses = parted(seen)[3] / steps
+        off = goes_on & (((pulses - pulses.round()) * steps).norm(dim=0) > _OFF)
+        if self._by_all is not None:
+            goes_on = goes_on & ~off
+            if off.any():
+                command[off] = self._by_all.chosen(seen[:, off])
+        elif self._begins and off.any() and not problem.craft.wheels:
+            warnings.warn(
+                f"{int(off.sum())} of {len(off)} flights begin with a spin that no whole pulses of "
+                f"{problem.craft.name} stop, of which {self.name} knows nothing: they may fly away. Fly any-craft.",
+                RansWarning,
+                stacklevel=2,
+            )
+        self._begins = False
         for greedy, chosen in ((self.greedy, holds), (self._outside, ~holds)):
             chosen = chosen & goes_on
             if chosen.any():
                 command[chosen] = greedy.best(seen[:, chosen], periods)[0]
+        return command.numpy()
+
+
+class CommonController:
+    """Commands by the value function of all planar craft, searched two periods ahead; a `rans.Controller`.
+
+    It estimates in flight what thrusters, disturbances and delay do: a file is a claim.
+
+    Args:
+        craft: craft in the plane with thrusters alone.
+        task: flight to a pose.
+        timing: control period and length of a flight.
+        trade_off: trade-off between time and impulse, 0 (fast) to 1 (thrifty), where goals note none.
+
+    Raises:
+        ConfigError: the craft is stronger or weaker than those of the fit.
+    """
+
+    observes = False
+    slow = 32
+
+    def __init__(
+        self,
+        craft: Spacecraft,
+        task: Any,
+        timing: Timing,
+        trade_off: float = TRADE_OFF,
+    ) -> None:
+        self._problem = CommonProblem(craft, task, timing)
+        self._timing = timing
+        self._trade_off = trade_off
+        self._value = CommonValue(self._problem)
+        self._greedy = Greedy(self._problem, self._value)
+        self._belief: Belief | None = None
+        self.name = "value of all planar craft"
+        self.files = (WEIGHTS,)
+
+    def expecting(self, conditions: Conditions | None) -> CommonController:
+        """The controller that estimates in flight what conditions may be; None: what no file states exactly."""
+        made = copy(self)
+        made._belief = Belief(self._problem, conditions or claim(self._problem), self._timing)
+        return made
+
+    def reset(self, count: int) -> None:
+        """Begin ``count`` flights; what is remembered are estimates."""
+        if self._belief is not None:
+            self._belief.reset(count)
+
+    def chosen(self, seen: Tensor) -> Tensor:
+        """Commands (N, n) of states (7, N), or with what is estimated (7 + m, N)."""
+        if len(seen) == 7:
+            seen = self._problem.with_parameters(seen)
+        greedy = copy(self._greedy)
+        greedy.value = self._value.of(seen)
+        return greedy.best(seen, 2)[0]
+
+    @torch.no_grad()
+    def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
+        """Commands (N, n) of states."""
+        belief, like, problem = self._belief, self._value.mean, self._problem
+        number = like if belief is None else like.double()
+        seen = problem.frame.relative(state, goal, number, self._trade_off)
+        if belief is not None:
+            seen = belief.read(seen).to(like)
+        command = seen.new_zeros(seen.shape[1], problem.craft.command_count)
+        goes_on = ~problem.frame.is_over(seen)
+        if goes_on.any():
+            command[goes_on] = self.chosen(seen[:, goes_on])
         if belief is not None:
             belief.sent(command)
         return command.numpy()
+
+
+def _held(trade_off: float | str) -> float:
+    """A trade-off as names have it; ConfigError: it is none."""
+    priced: Any = TASKS["go-to-pose-priced"]()
+    return priced.parts()[str(trade_off)].held_trade_off
+
+
+def claim(problem: PoseProblem) -> Conditions:
+    """What a craft may be beside its file where nobody says it: as `lab`, and one thruster may be dead."""
+    push = 0.1 * problem.force
+    noise = [SensorConditions(noise=x) for x in (0.003, 0.005, 0.006, 0.005)]
+    return Conditions(
+        BodyConditions(mass=(0.8, 1.2), inertia=(0.8, 1.2)),
+        ThrusterConditions(thrust=(0.85, 1.15), latency=(0.0, 0.5 * problem.period)),
+        FaultConditions(count=(0.0, 1.0), kinds=("dead",), among="recoverable"),
+        DisturbanceConditions(force=(0.0, push), torque=(0.0, 0.1 * problem.craft.radius * push)),
+        SensorsConditions(*noise),
+    )
+
+
+def flies_common(craft: Spacecraft, task: Any) -> bool:
+    """Whether the value function of all planar craft is of such flights."""
+    is_planar = craft.dimension == 2 and suits(craft) and not craft.wheels
+    return is_planar and type(task) in POSES and task.attitude_tolerance >= ATTITUDE
 
 
 SHIPPED = Path(__file__).parent / "data"
 """Folders of the value functions that come with RANS, with numbers of half precision."""
 
 
-class Newest(GreedyController):
-    """Controller by the value function of a craft in the folder ``runs``, else by one of `SHIPPED`.
+class Newest:
+    """Controller by the value function of a craft in the folder ``runs``.
 
-    It flies at the trade-off of the task, or at its own where goals note none. It is the contestant ``value``,
-    as in ``value:go-to-pose-priced-2d@mine.toml#0.5``, or, of a run folder that is named, ``...#runs/mine,0.5``.
+    Where ``runs`` has none it is in the plane that of all craft, else one of `SHIPPED`. It flies at the trade-off
+    of the task, or at its own where goals note none. It is the contestant ``value``, as in
+    ``value:go-to-pose-priced-2d@mine.toml#0.5``, or, of a run folder that is named, ``...#runs/mine,0.5``.
 
     Raises:
         ConfigError: there is none, or ``runs`` has several, of which one is to be named.
     """
 
     has_trade_off: ClassVar[bool] = True
+    observes = False
+    slow = 32
 
     def __init__(
         self, craft: Spacecraft, task: Any, timing: Timing, trade_off: float | str = TRADE_OFF
@@ -199,10 +291,12 @@ class Newest(GreedyController):
         check_craft(craft)
         frame = GoalFrame(craft, task, timing)
         named, _, number = str(trade_off).rpartition(",")
+        chosen = _held(number)
+        by_all = not named and flies_common(craft, task)
         runs = Path("runs").glob("**/config.json")
         own = [Path(named) / "config.json"] if named else sorted(runs)
-        found: dict[bool, list[Path]] = {False: [], True: []}
-        for file in (*own, *([] if named else SHIPPED.glob("*/config.json"))):
+        found: list[Path] = []
+        for file in (*own, *([] if named or by_all else SHIPPED.glob("*/config.json"))):
             run = RunFolder(file.parent)
             # Other folders may need packages that are not here, and files of other programs have the same name.
             with suppress(ConfigError):
@@ -216,35 +310,37 @@ class Newest(GreedyController):
                     and config.timing.control_period == timing.control_period
                     and GoalFrame(craft, config.settings, timing).serves(frame)
                 ):
-                    found[config.conditions.or_none is not None].append(run.path)
-        for folders in found.values():
-            if len(several := [folder for folder in folders if folder.parent != SHIPPED]) > 1:
-                raise ConfigError(
-                    f"{', '.join(map(str, several))} have a value function of {craft.name}: name the one to fly, "
-                    f"as in value:TASK-{craft.dimension}d@CRAFT#{several[0]},{TRADE_OFF:g}."
-                )
-        if any(found.values()):
-            how = number, frame.tolerances["position"]
-            plain, varied = (folders or found[not kind] for kind, folders in found.items())
-            super().__init__(plain[0], *how)
-            self._varied = GreedyController(varied[0], *how)
-            self.files += self._varied.files
-            if task.goal_notes is None:
-                for made in (self, self._varied):
-                    made.name += f"#{made._trade_off:g}"
-            return
-        raise ConfigError(
-            f"{named or 'no folder in runs/'} has {'no' if named else 'a'} value function of {craft.name} at "
-            f"{timing.control_period:g} s for what {type(task).__name__} asks, or with a larger tolerance of the "
-            "position: train one on a GPU, as with rans train go-to-pose --set algorithm=value."
-        )
+                    found.append(run.path)
+        if len(several := [folder for folder in found if folder.parent != SHIPPED]) > 1:
+            raise ConfigError(
+                f"{', '.join(map(str, several))} have a value function of {craft.name}: name the one to fly, "
+                f"as in value:TASK-{craft.dimension}d@CRAFT#{several[0]},{TRADE_OFF:g}."
+            )
+        made: Any
+        if found:
+            made = GreedyController(found[0], chosen, frame.tolerances["position"])
+        elif by_all:
+            made = CommonController(craft, task, timing, chosen)
+        else:
+            raise ConfigError(
+                f"{named or 'no folder in runs/'} has {'no' if named else 'a'} value function of {craft.name} at "
+                f"{timing.control_period:g} s for what {type(task).__name__} asks, or with a larger tolerance of "
+                "the position: train one on a GPU, as with rans train go-to-pose --set algorithm=value."
+            )
+        self.name = made.name + ("" if task.goal_notes is not None else f"#{made._trade_off:g}")
+        self.files = made.files
+        self._made = self._flown = made
 
-    def expecting(self, conditions: Conditions | None) -> GreedyController:
-        """As that of a folder: the newest whose training had conditions, unless thrusters fail, and never partly.
+    def expecting(self, conditions: Conditions | None) -> Newest:
+        """The controller that estimates in flight what conditions may be."""
+        other = copy(self)
+        other._flown = self._made.expecting(conditions)
+        return other
 
-        Values of the design hold more of those that are dead or wholly open (docs/decisions/value.md).
-        """
-        is_whole = conditions and conditions.has_faults and "weak" not in conditions.faults.kinds
-        if conditions is None or is_whole:
-            return super().expecting(conditions)
-        return self._varied.expecting(conditions)
+    def reset(self, count: int) -> None:
+        """Begin ``count`` flights."""
+        self._flown.reset(count)
+
+    def act(self, state: State, goal: State, observation: np.ndarray) -> np.ndarray:
+        """Commands (N, n) of states."""
+        return self._flown.act(state, goal, observation)

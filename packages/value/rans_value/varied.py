@@ -6,14 +6,14 @@ A state has what differs from flight to flight between motion and trade-off, so 
 from __future__ import annotations
 
 import math
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
 
 from rans import Conditions
-from rans.extend import Heading, Spacecraft, StepInputs, Timing, Vec2, Wrench, wrap
+from rans.extend import Spacecraft, StepInputs, Timing, Vec2, Wrench, wrap
 from rans.randomization.parameters import examples
 from rans_value.problem import PoseProblem
 
@@ -29,9 +29,6 @@ class VariedProblem(PoseProblem):
     Args: see `PoseProblem`.
     """
 
-    hold_price: ClassVar[tuple[float, float]] = (0.2, 0.7)
-    """As that of `PoseProblem`; lower, as errors of estimates carry craft out of the tolerances."""
-
     def __init__(
         self,
         craft: Spacecraft,
@@ -41,8 +38,6 @@ class VariedProblem(PoseProblem):
     ) -> None:
         super().__init__(craft, task, timing, position_tolerance)
         self.design = drawn_parameters(Conditions(), craft, timing)[0][:, :1].float()
-        units = torch.tensor([self.acceleration, self.acceleration, self.angular_acceleration])
-        self._units = units.repeat(len(self.design) // 3)[:, None]
         self.rows += len(self.design)
 
     def with_parameters(self, state: Tensor) -> Tensor:
@@ -83,15 +78,6 @@ class VariedProblem(PoseProblem):
             spin + time * turning,
         )
         return torch.cat((torch.stack(moved), state[6:]))
-
-    def features(self, state: Tensor) -> Tensor:
-        """Inputs of the value function, (..., features): what differs from the design, then those of the design."""
-        off = [*((state[6:-2] - self.design[:-1]) / self._units)]
-        facing = Heading(state[2])
-        leak, push = (Vec2(*off[i : i + 2]) for i in (-6, -3))
-        for vector in (facing.rotate(leak) + push, facing.inverse().rotate(push) + leak):
-            off += vector.columns()
-        return torch.cat((torch.stack(off, dim=-1), super().features(state)), dim=-1)
 
 
 def drawn_parameters(conditions: Conditions, craft: Spacecraft, timing: Timing) -> list[Tensor]:
