@@ -228,6 +228,11 @@ def features(state: Tensor, craft: Craft, log_price: Tensor) -> Tensor:
 class CommonNetwork(nn.Module):
     """Value of states of craft: layers with skips, to each of which a code of the craft adds a vector."""
 
+    mean: Tensor
+    spread: Tensor
+    cmean: Tensor
+    cspread: Tensor
+
     def __init__(
         self, inputs: int = 68, codes: int = 89, units: int = 640, layers: int = 4
     ) -> None:
@@ -272,6 +277,9 @@ class CommonNetwork(nn.Module):
 
 class CommonValue:
     """Values of states (rows, ...) of a `CommonProblem`, whose flights are of craft that `of` reads."""
+
+    _craft: Craft
+    _added: Tensor
 
     def __init__(self, problem: CommonProblem) -> None:
         self._problem = problem

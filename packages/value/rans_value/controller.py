@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from contextlib import suppress
 from copy import copy
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -198,6 +199,7 @@ class CommonController:
     ) -> None:
         self._problem = CommonProblem(craft, task, timing)
         self._timing = timing
+        self._claim = claim(self._problem, timing.episode_steps * timing.control_period)
         self._trade_off = trade_off
         self._value = CommonValue(self._problem)
         self._greedy = Greedy(self._problem, self._value)
@@ -208,7 +210,7 @@ class CommonController:
     def expecting(self, conditions: Conditions | None) -> CommonController:
         """The controller that estimates in flight what conditions may be; None: what no file states exactly."""
         made = copy(self)
-        made._belief = Belief(self._problem, conditions or claim(self._problem), self._timing)
+        made._belief = Belief(self._problem, conditions or self._claim, self._timing)
         return made
 
     def reset(self, count: int) -> None:
@@ -247,17 +249,24 @@ def _held(trade_off: float | str) -> float:
     return priced.parts()[str(trade_off)].held_trade_off
 
 
-def claim(problem: PoseProblem) -> Conditions:
-    """What a craft may be beside its file where nobody says it: as `lab`, and one thruster may be dead."""
+def claim(problem: PoseProblem, seconds: float) -> Conditions:
+    """What a craft may be beside its file where nobody says it: as `lab`, and thrusters may fail in a flight.
+
+    In half of the flights one may have failed before the start.
+    """
     push = 0.1 * problem.force
-    noise = [SensorConditions(noise=x) for x in (0.003, 0.005, 0.006, 0.005)]
-    return Conditions(
+    position, attitude, velocity, spin = (
+        SensorConditions(noise=x) for x in (0.003, 0.005, 0.006, 0.005)
+    )
+    failing = FaultConditions((0.0, 2.0), time=(0.0, seconds), among="recoverable")
+    begun = Conditions(
         BodyConditions(mass=(0.8, 1.2), inertia=(0.8, 1.2)),
         ThrusterConditions(thrust=(0.85, 1.15), latency=(0.0, 0.5 * problem.period)),
-        FaultConditions(count=(0.0, 1.0), kinds=("dead",), among="recoverable"),
+        replace(failing, count=(0.0, 1.0), time=0.0),
         DisturbanceConditions(force=(0.0, push), torque=(0.0, 0.1 * problem.craft.radius * push)),
-        SensorsConditions(*noise),
+        SensorsConditions(position, attitude, velocity, spin),
     )
+    return replace(begun, others=(replace(begun, faults=failing),))
 
 
 def flies_common(craft: Spacecraft, task: Any) -> bool:

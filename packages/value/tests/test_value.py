@@ -308,7 +308,7 @@ def test_common_values_know_no_order_of_thrusters_and_are_alike_at_other_periods
     turned = replace(PLATFORM, thrusters=PLATFORM.thrusters[::-1])
     torch.testing.assert_close(common(turned), values, rtol=1e-4, atol=1e-4)  # rounding
     # Half the period with four times the accelerations: as many periods, the price being that of the flight.
-    inertia = tuple(tuple(0.25 * x for x in row) for row in PLATFORM.inertia)
+    inertia: Any = tuple(tuple(0.25 * x for x in row) for row in PLATFORM.inertia)
     light = replace(PLATFORM, mass=0.25 * PLATFORM.mass, inertia=inertia)
     torch.testing.assert_close(2.0 * common(light, 0.1), values, rtol=0.02, atol=0.02)
     with pytest.raises(ConfigError, match="of those that accelerate"):
@@ -371,7 +371,7 @@ def test_flights_tell_what_conditions_drew(conditions, part, monkeypatch):
 
     monkeypatch.setattr(Belief, "read", noted)
     monkeypatch.setattr(Greedy, "best", guess)
-    controller = Newest(PLATFORM, TASK, timing).expecting(conditions)._flown
+    controller: Any = Newest(PLATFORM, TASK, timing).expecting(conditions)._flown
     torch.manual_seed(0)
     controller.slow = False  # all in this process
     flight = fly_episodes(controller, Setup(PLATFORM, TASK, timing, conditions), 0, 64)
@@ -459,7 +459,7 @@ def test_a_training_leaves_its_policy_and_its_value_function(tmp_path, monkeypat
     trainer.train(ignore)
     learnt = trainer.learner
     assert isinstance(learnt, ValueLearner)
-    controller = Newest(PLATFORM, config.settings, config.timing)
+    controller: Any = Newest(PLATFORM, config.settings, config.timing)
     starts = scenarios(TASK, PLATFORM, 0, 4)
     flight = fly(PLATFORM, TASK, controller, starts, Timing(episode_steps=2))
     # The value function is the learner's, not a new one.
