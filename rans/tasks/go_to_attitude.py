@@ -85,7 +85,7 @@ class GoToAttitude(SingleTask):
 
         Shipped agents were trained with it: a further term needs a setting whose default leaves it out.
         """
-        angle, spin = self.errors(transition.state, transition.goal).values()
+        angle, spin, *_ = self.errors(transition.state, transition.goal).values()
         close = nearness(angle, self.attitude_scale)
         terms = {
             "turn": nearness(angle, self.turn_scale),

@@ -67,7 +67,7 @@ class GoToPose(Arriving):
         Shipped agents were trained with it, so that another term or scale needs a setting whose default leaves it
         out.
         """
-        distance, angle = self.errors(transition.state, transition.goal).values()
+        distance, angle, *_ = self.errors(transition.state, transition.goal).values()
         near = partial(nearness, distance, rest=self.rest_position)
         aligned = partial(nearness, angle, rest=self.rest_attitude)
         closest = near(self.fine_scale), aligned(self.fine_scale)
@@ -91,5 +91,5 @@ class GoToPose(Arriving):
 
     def _relative_errors(self, state: State, goal: State) -> tuple[Field, ...]:
         """Errors over their tolerances."""
-        distance, angle = self.errors(state, goal).values()
+        distance, angle, *_ = self.errors(state, goal).values()
         return distance / self.position_tolerance, angle / self.attitude_tolerance

@@ -176,7 +176,7 @@ class TrackTwist(Tracking):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields) exp(-error / scale) of both velocities, narrower copies, and prices."""
         errors = self.errors(transition.state, transition.goal)
-        velocity, spin = errors.values()
+        velocity, spin, *_ = errors.values()
         terms = {
             "velocity": nearness(velocity, self.velocity_scale),
             "rotation": nearness(spin, self.spin_scale),
@@ -239,7 +239,7 @@ class TrackVelocityHeading(Tracking):
     def reward(self, transition: Transition) -> dict[str, Field]:
         """Terms (fields): exp(-error / scale) of both, a narrower and a wider copy, and prices."""
         errors = self.errors(transition.state, transition.goal)
-        velocity, angle = errors.values()
+        velocity, angle, *_ = errors.values()
         return {
             "velocity": nearness(velocity, self.velocity_scale),
             "attitude": nearness(angle, self.attitude_scale),

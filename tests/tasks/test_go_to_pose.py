@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,23 @@ def test_errors():
     assert GoToPose().errors(SPATIAL, SPATIAL_GOAL) == pytest.approx(
         {"position": 3.0, "attitude": 2 * math.pi / 3}
     )
+
+
+@dataclass(frozen=True)
+class Soft(GoToPose):
+    """Arrives slowly."""
+
+    velocity_tolerance: float = 0.1
+
+
+def test_one_tolerance_more_is_one_error_more():
+    """By hand: 0.3 and 0.4 m/s towards a goal at rest."""
+    state, goal = planar(v=(0.3, 0.4)), planar()
+    assert Soft().errors(state, goal)["velocity"] == pytest.approx(0.5)
+    assert not Soft().reached(state, goal)
+    assert GoToPose().reached(state, goal)
+    moved = Transition(state, goal, (), ())
+    assert Soft().reward(moved) == GoToPose().reward(moved)
 
 
 def test_reward():
