@@ -4,11 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from rans import TASKS, Timing
-from rans.evaluation.compare.contest import Contest
-from rans.evaluation.compare.entrants import simple_controller
 from rans.evaluation.fly.tuned import OWN
-from rans.model.spacecraft_file import load_spacecraft
 
 
 @pytest.fixture(autouse=True)
@@ -16,18 +12,6 @@ def _few(monkeypatch, here) -> None:
     """A search of seconds, in an empty folder."""
     monkeypatch.setattr("rans.cli.tune._CANDIDATES", 1)
     monkeypatch.setattr("rans.cli.tune._STARTS", 2)
-
-
-@pytest.mark.slow
-def test_what_is_tuned_flies_from_then_on(monkeypatch, ran):
-    monkeypatch.setattr("rans.cli.tune._CANDIDATES", 2)
-    said = ran("tune lqr:track-velocity-2d@atmos")
-    file = OWN / "lqr-track-velocity-atmos.json"
-    assert f"Written to {file}." in said
-    assert "weights.velocity" in said
-    assert file.exists()
-    contest = Contest(load_spacecraft("atmos"), TASKS["track-velocity"](), Timing(), 1, 1)
-    assert simple_controller("lqr", contest).tuning.startswith("tuned: 2 settings on 2 starts")
 
 
 @pytest.mark.slow

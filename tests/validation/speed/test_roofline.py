@@ -1,11 +1,10 @@
 from pathlib import Path
 
 import pytest
-import torch
 
-from rans import TASKS, Engine, GoToPose, GoToPosition
+from rans import TASKS, Engine, GoToPose
 from tests.support.crafts import ANY_CRAFT
-from tests.support.engines import FLYER, PLATFORM, both_crafts
+from tests.support.engines import PLATFORM, both_crafts
 from validation.speed.roofline import Traffic, main, step_work
 
 DOCS = Path(__file__).parents[3] / "docs"
@@ -24,23 +23,6 @@ def test_bytes_of_a_step_in_the_plane():
         Traffic("reward", 0, 4),
         Traffic("flags", 0, 3),
     )
-
-
-def test_reals_of_twice_the_size_move_twice_the_bytes():
-    single, double = (
-        step_work(Engine(FLYER, GoToPose(), 1, dtype=dtype))
-        for dtype in (torch.float32, torch.float64)
-    )
-    others = {"clock", "action", "flags"}
-    for one, two in zip(single.traffic, double.traffic, strict=True):
-        factor = 1 if one.name in others else 2
-        assert (two.read, two.written) == (factor * one.read, factor * one.written)
-
-
-def test_operations_of_a_step_in_the_plane():
-    """Four quadrature nodes and the heading that is seen, none of them used twice."""
-    operations = step_work(Engine(PLATFORM, GoToPosition(), 1)).operations
-    assert operations["sin"] == operations["cos"] == 4 + 1
 
 
 @pytest.mark.parametrize("name", ANY_CRAFT)
