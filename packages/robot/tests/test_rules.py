@@ -90,16 +90,10 @@ CASES = {
     "slow-link": Case("age", within=4),
     "fast-clock": Case("pace"),
     "two-senders": Case("jump", behind=("observation",)),
-    "jumps of 1 km": Case(
-        "jump",
-        sends(lambda m, t, k: shifted(m, 1e3 * (k % 2), 0, 0)),
-        behind=("observation",),
-    ),
     "outliers": Case("jump", behind=("observation",)),
     "frozen": Case("still"),
     "no-twist": Case("twist", is_of_twists=True, behind=("still",)),
     "dead": Case("age"),
-    "restart": Case("age"),
 }
 
 
