@@ -55,9 +55,9 @@ def of_table(file: Path, name: str, usual: Spacecraft) -> tuple[Spacecraft, str,
         size = math.hypot(*along)
         if not size > 0.0:
             raise ConfigError(f"{table.what}, line {line}: the direction has no length.")
-        direction = [component / size for component in along] + [0.0] * (3 - len(along))
+        along_x, along_y, along_z = *(one / size for one in along), *[0.0] * (3 - len(along))
         at = x["x"], x["y"], x.get("z", 0.0)
-        nozzles.append(Nozzle(f"line {line}", at, tuple(direction), x["force"]))
+        nozzles.append(Nozzle(f"line {line}", at, (along_x, along_y, along_z), x["force"]))
     remark = f"it has thrusters alone, and mass and centre of mass here are those of {usual.name}"
     found = Foreign(
         f"{file.name}, a table of thrusters",
