@@ -405,11 +405,13 @@ class _Windows:
         """Slopes of steps by their begins (W, S, width, width), and the nodes after them at which they are."""
         self.linear: Any = None
         """See `_derivatives`."""
+        self.read = np.isfinite(difference(self.readings, self.readings))
+        """(W, M, width), what was measured."""
         self._fly(values)
         columns = channel_columns(craft)
         self.channel = np.repeat(np.arange(len(columns)), [len(part) for part in columns.values()])
         """Channel of each entry of a residual."""
-        self.count = np.isfinite(self.residuals).sum((0, 1))
+        self.count = self.read.sum((0, 1))
         """Readings of each entry."""
         self.spread = np.array([noise.get(name, np.inf) for name in CHANNELS])
         """Standard deviations of the errors of readings; infinite of what was not measured."""
@@ -431,19 +433,21 @@ class _Windows:
         low = (self.least - self.nominal) / self.prior
         high = np.full(len(low), _FARTHEST)
         for _ in range(rounds):
-            found = least_squares(
-                self._errors,
-                np.clip(self.offset, low, high),
-                self._derivatives,
-                (low, high),
-                method="dogbox",
-                # A last step of 0.3 deviations at most: what is left is of second order.
-                ftol=0.1 / self.count.sum(),
-                xtol=1e-6,
-                gtol=None,
-                x_scale=1.0 / _FIRST_STEP,
-                max_nfev=evaluations,
-            )
+            # A step too far may end in no number; SciPy then takes a shorter one.
+            with np.errstate(over="ignore", invalid="ignore"):
+                found = least_squares(
+                    self._errors,
+                    np.clip(self.offset, low, high),
+                    self._derivatives,
+                    (low, high),
+                    method="dogbox",
+                    # A last step of 0.3 deviations at most: what is left is of second order.
+                    ftol=0.1 / self.count.sum(),
+                    xtol=1e-6,
+                    gtol=None,
+                    x_scale=1.0 / _FIRST_STEP,
+                    max_nfev=evaluations,
+                )
             self._errors(found.x)
             if self._estimate_noise() < 1e-2:
                 break
@@ -522,7 +526,7 @@ class _Windows:
 
     def _weighed(self) -> np.ndarray:
         """Residuals in standard deviations, (W, M width); 0 of what was not measured."""
-        weighed = np.nan_to_num(self.residuals) / self.spread[self.channel]
+        weighed = np.where(self.read, self.residuals, 0.0) / self.spread[self.channel]
         return weighed.reshape(len(weighed), -1)
 
     def _errors(self, offset: np.ndarray) -> np.ndarray:
@@ -541,7 +545,7 @@ class _Windows:
         A faint prior of starts stands below the rows of each window.
         """
         rest = self._weighed()
-        weights = np.isfinite(self.residuals) / self.spread[self.channel]
+        weights = self.read / self.spread[self.channel]
         slopes = (self._sensitivities() * weights[..., None]).reshape(*rest.shape, -1)
         of_values, of_starts = np.split(slopes, [len(offset)], axis=-1)
         width = of_starts.shape[-1]
