@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Iterator
 from contextlib import suppress
 from copy import copy
 from dataclasses import replace
@@ -63,6 +64,10 @@ def check_craft(craft: Spacecraft) -> None:
 _OFF = 0.8 * REST_SPIN
 """Spin, rad/s, by which a state is off the sums of whole pulses for the values of a fit to one craft: from 5
 degrees/s on none of 48 flights was solved."""
+
+
+_FAILURES: Any = ("dead", "stuck-open")
+"""Kinds of failures that are expected where nobody tells any."""
 
 
 class GreedyController:
@@ -199,7 +204,6 @@ class CommonController:
     ) -> None:
         self._problem = CommonProblem(craft, task, timing)
         self._timing = timing
-        self._claim = claim(self._problem, timing.episode_steps * timing.control_period)
         self._trade_off = trade_off
         self._value = CommonValue(self._problem)
         self._greedy = Greedy(self._problem, self._value)
@@ -210,7 +214,14 @@ class CommonController:
     def expecting(self, conditions: Conditions | None) -> CommonController:
         """The controller that estimates in flight what conditions may be; None: what no file states exactly."""
         made = copy(self)
-        made._belief = Belief(self._problem, conditions or self._claim, self._timing)
+        seconds = self._timing.episode_steps * self._timing.control_period
+        for one in claims(self._problem, seconds) if conditions is None else [conditions]:
+            try:
+                made._belief = Belief(self._problem, one, self._timing)
+                break
+            except ConfigError:  # failures that the craft cannot do without
+                if conditions is not None:
+                    raise
         return made
 
     def reset(self, count: int) -> None:
@@ -249,24 +260,29 @@ def _held(trade_off: float | str) -> float:
     return priced.parts()[str(trade_off)].held_trade_off
 
 
-def claim(problem: PoseProblem, seconds: float) -> Conditions:
+def claims(problem: PoseProblem, seconds: float) -> Iterator[Conditions]:
     """What a craft may be beside its file where nobody says it: as `lab`, and thrusters may fail in a flight.
 
-    In half of the flights one may have failed before the start.
+    In half of the flights one may have failed before the start. The first that the craft can do without is meant.
     """
     push = 0.1 * problem.force
     position, attitude, velocity, spin = (
         SensorConditions(noise=x) for x in (0.003, 0.005, 0.006, 0.005)
     )
-    failing = FaultConditions((0.0, 2.0), time=(0.0, seconds), among="recoverable")
-    begun = Conditions(
-        BodyConditions(mass=(0.8, 1.2), inertia=(0.8, 1.2)),
-        ThrusterConditions(thrust=(0.85, 1.15), latency=(0.0, 0.5 * problem.period)),
-        replace(failing, count=(0.0, 1.0), time=0.0),
-        DisturbanceConditions(force=(0.0, push), torque=(0.0, 0.1 * problem.craft.radius * push)),
-        SensorsConditions(position, attitude, velocity, spin),
-    )
-    return replace(begun, others=(replace(begun, faults=failing),))
+    for most, kinds in ((2.0, _FAILURES), (1.0, _FAILURES), (1.0, _FAILURES[:1]), (0.0, _FAILURES)):
+        failing = FaultConditions(
+            (0.0, most), kinds, time=(0.0, seconds), among="recoverable" if most else "any"
+        )
+        begun = Conditions(
+            BodyConditions(mass=(0.8, 1.2), inertia=(0.8, 1.2)),
+            ThrusterConditions(thrust=(0.85, 1.15), latency=(0.0, 0.5 * problem.period)),
+            replace(failing, count=(0.0, min(most, 1.0)), time=0.0),
+            DisturbanceConditions(
+                force=(0.0, push), torque=(0.0, 0.1 * problem.craft.radius * push)
+            ),
+            SensorsConditions(position, attitude, velocity, spin),
+        )
+        yield replace(begun, others=(replace(begun, faults=failing),))
 
 
 def flies_common(craft: Spacecraft, task: Any) -> bool:

@@ -270,6 +270,17 @@ def test_the_common_values_fly_in_a_world_that_is_not_the_file(spin, conditions)
     assert task.reached(flight.states, flight.goals)[-12:].all()
 
 
+@pytest.mark.parametrize("left", [6, 8])
+def test_failures_are_expected_of_thrusters_that_a_craft_can_do_without(left):
+    """Of six of the platform's none; then the thrust of each may be off alone."""
+    craft = replace(PLATFORM, thrusters=PLATFORM.thrusters[:left])
+    controller = Newest(craft, TASK, Timing()).expecting(None)._flown
+    spread = controller._belief._spread.diagonal()[6:][:3].sum().sqrt()
+    turning = controller._problem.design[:3, 0].norm()
+    # Mass and thrust alone are 15 % off, as standard deviation; failures of one in thirty make it 22 %.
+    assert (spread / turning > 0.19) == (left == 8)
+
+
 def test_values_of_one_craft_leave_spins_between_its_pulses_to_those_of_all():
     task = replace(NEAR, trade_off=(0.5, 0.5))
     starts = scenarios(task, PLATFORM, 0, 2)
