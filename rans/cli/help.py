@@ -47,7 +47,7 @@ def _everywhere(width: int) -> list[str]:
 def _summary(command: type[Command]) -> str:
     """First clause of the docstring of a command."""
     text = " ".join((command.__doc__ or "").split())
-    return re.split(r"[;:.]", text, maxsplit=1)[0] + "."
+    return re.split(r"[;:]|\.(?!\d)", text, maxsplit=1)[0] + "."
 
 
 def _filled(text: str, width: int, indent: str = "") -> list[str]:
