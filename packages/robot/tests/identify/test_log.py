@@ -53,16 +53,6 @@ def test_columns_that_are_not_read_are_named_and_need_no_numbers(tmp_path):
     assert any("not read: 'Mode'" in note for note in log.notes)
 
 
-@pytest.mark.parametrize("commands", ["1,0,0,0,0,0,0,0", "1,1,1,1,1,1,1,1"])
-def test_readings_that_repeat_under_thrust_are_left_out(commands, tmp_path):
-    """Four repeat one, as from a frozen sensor; thrust without a sum moves nothing."""
-    places = [20 if 20 <= k < 25 else k for k in range(60)]
-    rows = [f"{0.2 * k!r},{0.01 * at},0,0,{commands}" for k, at in enumerate(places)]
-    log = checked_log(read_csv(csv_file(tmp_path, rows), PLATFORM), PLATFORM)
-    left = set(np.arange(60)) - set(np.rint(log.times / 0.2).astype(int))
-    assert {21, 22, 23, 24} <= left <= set(range(19, 30)) if "0" in commands else not left
-
-
 def test_a_log_without_positions_is_refused_in_a_sentence():
     times = 0.2 * np.arange(60)
     unknown = np.full((60, 3), np.nan)

@@ -220,9 +220,3 @@ def test_quaternions_of_another_order_are_not_explained(order):
     wrong = log.attitude[:, np.abs(order)] * np.where(np.array(order) < 0, -1.0, 1.0)
     with pytest.raises(ConfigError, match=r"cannot be, .* order"):
         rans.identify(replace(log, attitude=wrong), craft)
-
-
-def test_residuals_that_change_sign_with_every_reading_contradict_their_neighbours(found):
-    signs = np.where(np.arange(100) % 2, 1.0, -1.0)
-    fit = replace(found.fit, residuals=np.tile(signs[:, None], 6))
-    assert [fit.correlation(name)[0] for name in fit.noise] == [-1.0] * 4
