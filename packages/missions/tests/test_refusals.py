@@ -83,7 +83,7 @@ CONTROLLERS: list[tuple[Callable[[], Any], str]] = [
     (lambda: Corridor(PLATFORM, GoToPose()), "final approaches, and GoToPose is not one"),
     (
         lambda: PassiveApproach(PLATFORM, GoToPose()),
-        "hold points, and GoToPose is not one: lqr flies most tasks, and rans train go-to-pose",
+        "hold points, and GoToPose is not one: lqr flies most tasks, and rans train",
     ),
     (lambda: ConvexGuidance(PLATFORM, GoToPose()), "missions on an orbit"),
     (lambda: ConvexGuidance(DEPUTY, Dock(orbit=ELLIPSE)), "changes along the orbit"),
