@@ -5,6 +5,7 @@ import re
 import shlex
 import signal
 import time
+import warnings
 from pathlib import Path
 
 import pytest
@@ -13,6 +14,7 @@ from rans_any_craft import imitation
 from torch import Tensor
 
 import rans
+from rans.base.errors import RansWarning
 from rans.cli import main, train
 from rans.cli.train import StopGently, Train
 from rans.fast.agent_files.agent import read_policy
@@ -206,7 +208,7 @@ def test_a_signal_in_an_imitation_leaves_nothing_that_looks_finished(monkeypatch
     said = ran("train --resume run")
     assert "Stopped" not in said
     # Nobody arrives in flights of 4 s.
-    assert "Nobody solves all of 256 starts: run (0 %), any-craft-2d#0.4 (0 %)." in said
+    assert "Nobody solves all of 256 starts: run (0 %), any-craft-2d#0.4 (0 %)" in said
 
 
 def _iterate_for_ever() -> None:
@@ -293,7 +295,7 @@ def test_a_training_that_gained_nothing_says_so_and_leads_to_what_is_better(ran)
     assert taken
     better = "mine" if taken[1] == "mine" else f"'{taken[1]}@mine/spacecraft.toml'"
     assert ("Nothing was gained" in said) is (taken[1] != "mine")
-    assert said.partition("Next:\n")[2].splitlines()[0].strip() == f"rans evaluate {better}"
+    assert said.partition("Next: ")[2].startswith(f"rans evaluate {better} ")
 
 
 @pytest.mark.slow
@@ -308,8 +310,11 @@ def test_the_demo_trains_an_agent_where_others_lose_flights(tmp_path):
         f"lqr:go-to-pose-2d@{craft}",
         f"switching:go-to-pose-2d@{craft}",
     )
-    own, *others = (
-        rans.evaluate(who, episodes=128)["solved"].value for who in (f"{tmp_path}/boat", *beside)
-    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RansWarning)  # any craft says that it loses flights
+        own, *others = (
+            rans.evaluate(who, episodes=128)["solved"].value
+            for who in (f"{tmp_path}/boat", *beside)
+        )
     assert own > 95.0
     assert max(others) < 90.0

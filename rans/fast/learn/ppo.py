@@ -112,7 +112,8 @@ class PPOLearner:
         found = []
         for way in (None, backend):
             columns, inputs, action = preprocessed(network, seen, memory, acted.action, way, None)
-            part = Batch(columns, action, acted.log_prob + 0.3 * noise[0], *noise[1:], inputs, None)
+            log_prob = acted.log_prob + 0.3 * noise[0]
+            part = Batch(columns, action, log_prob, noise[1], noise[2], inputs, None)
             means = losses(network, part, self.loss) if way is None else way(part)
             row = self.adam.gradient
             if way is None:
