@@ -299,6 +299,7 @@ def test_a_training_that_gained_nothing_says_so_and_leads_to_what_is_better(ran)
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:any-craft-2d#0. solved")
 @pytest.mark.usefixtures("undrawn")
 def test_the_demo_trains_an_agent_where_others_lose_flights(tmp_path):
     """Its first training, of its craft like a boat: 99 % where any craft, LQR and switching solve 83, 64 and 38."""
