@@ -125,7 +125,7 @@ class Improve(Options):
     """
 
     group = "Limits"
-    guide = "docs/missions/improve.md"
+    guide = "docs/missions/flights.md"
     examples = (
         "rans improve avoid pretrained:avoid-2d --episodes 4",
         "rans improve avoid pretrained:avoid-2d optimal.csv --rounds 400",
