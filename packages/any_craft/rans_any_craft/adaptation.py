@@ -68,7 +68,7 @@ _EVIDENCE = 4.0
 _EVIDENCE_OF_CHECKS = 1.0
 """Logarithm of the odds of a lost over a weak thruster beyond which it stays shut, where thrusters are checked at
 the start: a lost one that is taken for a weak one loses the flight. At 0 more flights of CubeSats with a weak
-thruster are lost, at 2 more with a dead one (packages/any_craft/docs/decisions/lost_thrusters.md)."""
+thruster are lost, at 2 more with a dead one (docs/decisions/any_craft.md)."""
 
 
 class Adaptation(NamedTuple):

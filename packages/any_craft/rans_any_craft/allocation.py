@@ -32,7 +32,7 @@ CONTINUOUS_PRICE = {2: PRICE, 3: 0.2}
 errors, by dimension (docs/decisions/any_craft.md)."""
 FALL = 2.0
 """Power of an authority margin below 1 by which the price of thrusters falls, apart from continuous ones in the
-plane (packages/any_craft/docs/decisions/any_craft_training.md)."""
+plane (docs/decisions/any_craft.md)."""
 PASSES = 6
 """Times that coordinate descent visits every thruster. Errors that are left are demanded in the next period."""
 

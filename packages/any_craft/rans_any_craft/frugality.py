@@ -24,7 +24,7 @@ _COAST = 5.0 / 3.0
 _HURRY = 1.1
 """Factor of the linear accelerations at the value 0 for trained weights in space. Craft with pulsed thrusters then
 take 3 to 5 % less time; the free flyer, throttled craft and those with wheels lose by it
-(packages/any_craft/docs/decisions/any_craft_values.md)."""
+(docs/decisions/any_craft.md)."""
 _EVEN = 0.5
 """Value up to which the length of a flight changes nothing."""
 _SETTLED_BY = 0.8, 0.75
@@ -170,7 +170,7 @@ class Frugality(NamedTuple):
         """The numbers of a value from 0 to 1 for an agent, which has weights of its own for every value.
 
         Only the price of continuous thrusters and their coasting change: on/off thrusters whose pulses are large
-        lose flights by it (docs/decisions/any_craft_frugal.md). A craft that ``hurries`` is given larger
+        lose flights by it (docs/decisions/any_craft.md). A craft that ``hurries`` is given larger
         accelerations at fast values.
         """
         toward = min(2.0 * value, 1.0)

@@ -514,7 +514,7 @@ def _learns_from_flights(craft: Spacecraft) -> bool:
 
 _ITERATIONS = ((96, 272), (380, 1140))
 """Iterations of a training that begins with values that ship, and from nothing; then those whose policy learns from
-its flights too. What more of them gain: docs/decisions/value_policy.md."""
+its flights too. What more of them gain: docs/decisions/value.md."""
 _POLICY: dict[str, Any] = {
     "n_steps": 8,
     "batch_size": 16384,
@@ -531,7 +531,7 @@ _ENVS = (12288, 65536)
 """Flights in the plane, and in space, where the policy learns from its own."""
 _FINE = 0.5 * math.radians(5.0)
 """Largest turn by a pulse that the next period stops, rad: half the tolerance. At 0.7 of it 5 to 10 % of flights
-leave the pose (docs/decisions/value_policy.md)."""
+leave the pose (docs/decisions/value.md)."""
 
 
 class Value(Algorithm):

@@ -81,7 +81,7 @@ class PoseProblem:
     hold_price: ClassVar[tuple[float, float]] = (0.4, 0.7)
     """Least and largest price of the full thrust inside the goal set, s/s: a quick flight gains nothing by thrust
     there, and a thrifty one shall not stay outside because holding is dear. At 0.2 errors of the value function
-    open valves all the time, at 0.7 some quick flights leave (docs/decisions/value_goal.md)."""
+    open valves all the time, at 0.7 some quick flights leave (docs/decisions/value.md)."""
 
     def __init__(
         self,
