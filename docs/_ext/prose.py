@@ -51,7 +51,6 @@ INTERNAL = frozenset(
         "plain.md",
         "speed.md",
         "validation.md",
-        "verification.md",
     }
 )
 """Pages for those who change RANS or read proofs: as long as they need."""

@@ -269,7 +269,7 @@ WORDS: dict[str, tuple[str, ...]] = {
         "checkpoint",
         "resume training",
     ),
-    "verification": ("drake", "validation", "mujoco", "cross-validation", "verification"),
+    "validation": ("drake", "validation", "mujoco", "cross-validation", "verification"),
     "viewing": ("video", "visualization", "rendering", "animation", "report"),
 }
 """Words by page, in lower case; every word belongs to one page."""

@@ -29,7 +29,7 @@ class Validate(Options):
     """
 
     group = "Check"
-    guide = "docs/verification.md"
+    guide = "docs/validation.md"
     examples = ("rans validate mine.toml --quick", "rans validate --judges")
 
     judges: bool = False
