@@ -70,7 +70,6 @@ def pages() -> list[Path]:
         *sorted(page for page in DOCS.glob("*.md") if page.name not in INTERNAL),
         *sorted(ROOT.glob("packages/*/docs/*.md")),
         *sorted(DOCS.glob("decisions/*.md")),
-        *sorted(ROOT.glob("packages/*/docs/decisions/*.md")),
         *sorted(DOCS.glob("tutorials/*.py")),
     ]
 
