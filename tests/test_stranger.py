@@ -12,7 +12,6 @@ import pytest
 
 import rans
 from rans import GoToPose
-from rans.api.pages import FILMS
 from rans.base.files import write_text
 from rans.base.registry import Registry
 from rans.cli.next_commands import with_spacecraft
@@ -26,6 +25,7 @@ from rans.fast.learn.learners import LEARNERS
 from rans.model.foreign import IMPORTERS
 from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT, load_spacecraft, to_toml
 from rans.randomization.conditions_file import CONDITIONS
+from rans.show.films import FILMS
 from rans.show.tables.listing import spacecraft_listing
 from rans.tasks import TASKS
 from tests.support.torquer import Fan

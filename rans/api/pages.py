@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -16,10 +15,10 @@ from rans.base.choices import EngineName
 from rans.base.errors import ConfigError, brief, one_of, require, whole
 from rans.base.files import ready_folder, write_text
 from rans.base.pretrained import pretrained_folder, pretrained_names
-from rans.base.registry import Registry
 from rans.base.settled import settled_alone
 from rans.episode.scenario import EVALUATION_SEED
 from rans.model.dynamics import State
+from rans.show.films import FILMS
 
 if TYPE_CHECKING:
     from rans.episode.flight import Flight
@@ -28,9 +27,6 @@ if TYPE_CHECKING:
 
 _HEIGHT = 480
 """Height of a replay in a notebook, pixels."""
-FILMS: Registry[Callable[..., None]] = Registry("kind of film", "rans.films")
-"""What writes flights side by side as a film, by the ending of its name: of flights, file and progress
-(`rans.base.progress.Stages`). With ``check`` it only refuses (`ConfigError`) what could not be written."""
 
 
 @dataclass

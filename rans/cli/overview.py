@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from typing import Any
 
-from rans.api.pages import FILMS
 from rans.base.errors import EXTRAS, ConfigError, counted, installing
 from rans.base.pretrained import PACKAGE, missing_agents, pretrained_card, pretrained_names
 from rans.base.registry import Registry
@@ -17,6 +16,7 @@ from rans.fast.learn.learners import LEARNERS
 from rans.model.foreign import IMPORTERS
 from rans.model.spacecraft_file import EFFECTORS, SPACECRAFT
 from rans.randomization.conditions_file import CONDITIONS
+from rans.show.films import FILMS
 from rans.tasks import TASKS
 
 

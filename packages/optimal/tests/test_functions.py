@@ -15,5 +15,5 @@ def test_a_goal_of_ones_own():
 
 
 def test_an_export_to_nowhere():
-    with pytest.raises(ConfigError, match="output, unless it is a name or a file"):
+    with pytest.raises(ConfigError, match="a folder, unless it is a name or a file"):
         rans.export("go-to-pose-2d", 3, "numpy")  # type: ignore[arg-type]

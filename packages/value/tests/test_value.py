@@ -274,7 +274,7 @@ def test_the_common_values_fly_in_a_world_that_is_not_the_file(spin, conditions)
 def test_failures_are_expected_of_thrusters_that_a_craft_can_do_without(left):
     """Of six of the platform's none; then the thrust of each may be off alone."""
     craft = replace(PLATFORM, thrusters=PLATFORM.thrusters[:left])
-    controller = Newest(craft, TASK, Timing()).expecting(None)._flown
+    controller: Any = Newest(craft, TASK, Timing()).expecting(None)._flown
     spread = controller._belief._spread.diagonal()[6:][:3].sum().sqrt()
     turning = controller._problem.design[:3, 0].norm()
     # Mass and thrust alone are 15 % off, as standard deviation; failures of one in thirty make it 22 %.

@@ -5,15 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rans.base.registry import Registry
-from rans.episode.flight import Controller
-from rans.episode.step import Setup
-from rans.model.spacecraft import Spacecraft
-from rans.tasks import Task
+
+if TYPE_CHECKING:
+    from rans.episode.flight import Controller
+    from rans.episode.step import Setup
+    from rans.model.spacecraft import Spacecraft
+    from rans.tasks import Task
 
 ForeignPolicy = Callable[[np.ndarray, Any, np.ndarray], tuple[Any, Any]]
 """Function of observations (N, width), float32, of the memory after the step before (None: all episodes begin), and
