@@ -20,6 +20,7 @@ import pickle
 import re
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from functools import cache
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -328,11 +329,13 @@ def of_onnx(name: str, craft: Spacecraft, task: Task, _: bool) -> ForeignPolicy:
     """
     onnxruntime = require("onnxruntime")
     _check_file(name)
+    _bound_memory()
+    options = onnxruntime.SessionOptions()
+    options.add_session_config_entry("session.use_env_allocators", "1")
     try:
-        session = onnxruntime.InferenceSession(name, providers=["CPUExecutionProvider"])
+        session = onnxruntime.InferenceSession(name, options, providers=["CPUExecutionProvider"])
     except Exception as error:  # onnxruntime's errors have no common class
-        reason = " ".join(str(error).split()).rstrip(".")
-        raise ConfigError(f"{name} is no ONNX network: {reason[:400]}.") from error
+        raise ConfigError(f"{name} is no ONNX network: {_reason(error)}.") from error
     inputs = session.get_inputs()
     if not inputs:
         raise ConfigError(f"{name} has no input, and the first one must be the observation.")
@@ -441,11 +444,8 @@ class OnnxPolicy:
         taken = {name: x.astype(self._types[name], copy=False) for name, x in named.items()}
         try:
             return self._session.run(self._asked_for, taken)
-        except (
-            Exception
-        ) as error:  # onnxruntime's errors have no common class, and name lines of its own source
-            reason = re.sub(r"/\S*onnxruntime\S* ", "", " ".join(str(error).split())).rstrip(".")
-            raise ConfigError(f"{self._file} cannot be computed: {reason[:400]}.") from error
+        except Exception as error:  # as above
+            raise ConfigError(f"{self._file} cannot be computed: {_reason(error)}.") from error
 
     def _run(self, observation: np.ndarray, states: list[np.ndarray]) -> list[np.ndarray]:
         """Commands (N, n) in the order of the observations (N, width), and the states after them.
@@ -460,6 +460,27 @@ class OnnxPolicy:
         ]
 
 
+@cache
+def _bound_memory() -> None:
+    """Give the networks of this process one memory, of at most `_MOST_MEMORY`."""
+    runtime = require("onnxruntime")
+    kinds = runtime.OrtAllocatorType.ORT_ARENA_ALLOCATOR, 0, runtime.OrtMemType.DEFAULT
+    # 1: it grows by what is asked for, not in powers of two.
+    bound = runtime.OrtArenaCfg({"max_mem": _MOST_MEMORY, "arena_extend_strategy": 1})
+    runtime.create_and_register_allocator(runtime.OrtMemoryInfo("Cpu", *kinds), bound)
+
+
+def _reason(error: Exception) -> str:
+    """What onnxruntime says, without the places in its own source."""
+    text = re.sub(r"/\S*onnxruntime\S* ", "", " ".join(str(error).split())).rstrip(".")
+    if asked := re.search(r"requested b\w+ of (?:size )?(\d+)", text):
+        return (
+            f"it asks for {int(asked[1]) / 1e9:.3g} GB, and the networks of a process may take "
+            f"{_MOST_MEMORY / 1e9:.3g} GB in all"
+        )
+    return text[:400]
+
+
 def _nodes(graphs: Iterable[Any]) -> Iterator[Any]:
     """Nodes of graphs of ONNX, and of those within them."""
     for graph in graphs:
@@ -470,6 +491,8 @@ def _nodes(graphs: Iterable[Any]) -> Iterator[Any]:
 
 _LARGEST_STATE = 2**16
 """Numbers of a state; layers in control have some hundred."""
+_MOST_MEMORY = 2**31
+"""Bytes of numbers in networks; a thousand layers of a control network for 10,000 craft take as much."""
 _LARGEST_NETWORK = 2**26
 """Bytes of a network whose layers are looked through; networks in control have less than a thousandth of it."""
 

@@ -233,6 +233,19 @@ def test_a_network_that_may_take_any_time_is_refused(tmp_path):
         user_policy(f"onnx:{file}", CRAFT, TASK)
 
 
+def test_a_network_that_takes_any_memory_is_refused(tmp_path):
+    nodes = [
+        node("ConstantOfShape", "size", "long"),
+        node("ReduceMax", "long", "end"),
+        node("Add", "obs end", "actions"),
+    ]
+    file = tmp_path / "long.onnx"
+    ports = {"obs": ("N", 10)}, {"actions": ("N", 10)}
+    file.write_bytes(model_of(nodes, *ports, size=np.array([6 * 10**8])))
+    with pytest.raises(ConfigError, match=r"long.onnx .* asks for 2.4 GB"):
+        user_policy(f"onnx:{file}", CRAFT, TASK).act(None, None, STEPS[0])
+
+
 def test_a_state_of_another_shape_than_it_is_taken_is_refused(tmp_path):
     columns: dict[str, Any] = {
         name: np.array([k]) for name, k in (("low", 0), ("high", 8), ("axis", 1))
