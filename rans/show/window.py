@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import errno
 import os
+import secrets
 import sys
 import threading
 import webbrowser
@@ -25,16 +26,17 @@ class _Handler(BaseHTTPRequestHandler):
     timeout = 10.0
     """s after which a connection that asks nothing is closed, with its thread."""
 
-    def __init__(self, page: bytes, *arguments: Any) -> None:
+    def __init__(self, page: bytes, path: str, *arguments: Any) -> None:
         self._page = page
+        self._path = path
         super().__init__(*arguments)
 
     def parse_request(self) -> bool:
-        """Read a request, and refuse one whose host is not this computer."""
+        """Read a request, and refuse one whose host is not this computer, or whose path is not the page's."""
         if not super().parse_request():
             return False
         host = (self.headers.get("Host") or "").partition(":")[0]
-        if host not in ("localhost", "127.0.0.1"):
+        if host not in ("localhost", "127.0.0.1") or self.path != self._path:
             self.send_error(400)
             return False
         return True
@@ -65,15 +67,17 @@ class Served:
     def __init__(self, page: Callable[[], str], ports: Sequence[int]) -> None:
         self.content = page().encode()
         refusal = OSError(errno.EADDRINUSE, "")
+        # Other users of this computer cannot guess it.
+        path = f"/{secrets.token_urlsafe(8)}"
         for port in ports:
             try:
-                handler = partial(_Handler, self.content)
+                handler = partial(_Handler, self.content, path)
                 server = ThreadingHTTPServer(("127.0.0.1", port), handler)
             except OSError as error:
                 refusal = error
                 continue
             threading.Thread(target=server.serve_forever, args=(0.05,), daemon=True).start()
-            self.url = f"http://localhost:{server.server_port}"
+            self.url = f"http://localhost:{server.server_port}{path}"
             return
         ends = f"{ports[0]} to {ports[-1]}" if len(ports) > 1 else f"{ports[0]}"
         is_taken = refusal.errno == errno.EADDRINUSE

@@ -50,7 +50,7 @@ def test_it_serves_until_it_is_interrupted(name, option, said, has):
     with command("view", name, *option.split()) as process:
         assert process.stdout is not None
         line = process.stdout.readline()
-        url = re.search(rf"{said} (http://localhost:\d+) until Ctrl-C\.", line)
+        url = re.search(rf"{said} (http://localhost:\S+) until Ctrl-C\.", line)
         assert url is not None, line
         with urllib.request.urlopen(url[1], timeout=PATIENCE) as page:
             assert has in page.read()

@@ -3,6 +3,7 @@
 import socket
 import urllib.error
 import urllib.request
+from urllib.parse import urlsplit
 
 import pytest
 
@@ -12,13 +13,22 @@ from tests.support.processes import PATIENCE
 
 
 @pytest.mark.parametrize(
-    ("host", "answered"),
-    [("localhost:{}", True), ("127.0.0.1:{}", True), ("evil.example:{}", False), ("", False)],
+    ("host", "path", "answered"),
+    [
+        ("localhost:{}", "", True),
+        ("127.0.0.1:{}", "", True),
+        ("evil.example:{}", "", False),
+        ("", "", False),
+        ("localhost:{}", "/", False),
+        ("localhost:{}", "/guess", False),
+    ],
 )
-def test_only_this_computer_may_be_asked_for(host, answered):
+def test_who_knows_the_address_on_this_computer_is_answered(host, path, answered):
     """The request of a stranger's page has its own name, also where that leads to 127.0.0.1."""
-    url = Served(lambda: "secret", PORTS).url
-    asked = urllib.request.Request(url, headers={"Host": host.format(url.rpartition(":")[2])})
+    url = urlsplit(Served(lambda: "secret", PORTS).url)
+    asked = urllib.request.Request(
+        f"http://{url.netloc}{path or url.path}", headers={"Host": host.format(url.port)}
+    )
     try:
         with urllib.request.urlopen(asked, timeout=PATIENCE) as answer:
             text = answer.read()
@@ -37,5 +47,5 @@ def test_a_taken_port_is_a_sentence():
 def test_who_asks_nothing_does_not_keep_a_thread(monkeypatch):
     monkeypatch.setattr("rans.show.window._Handler.timeout", 0.05)
     url = Served(lambda: "", PORTS).url
-    with socket.create_connection(("127.0.0.1", int(url.rpartition(":")[2])), PATIENCE) as idle:
+    with socket.create_connection(("127.0.0.1", urlsplit(url).port), PATIENCE) as idle:
         assert idle.recv(1) == b""  # the server closes it
