@@ -330,7 +330,7 @@ def _make_folder(folder: Path) -> None:
             if parent.is_file():
                 reason = f"{parent} is a file, not a folder"
         raise ConfigError(
-            f"cannot write into {folder}: {reason}; choose another folder."
+            f"cannot write into {folder}: {reason}; name another folder, or run where you may write."
         ) from error
 
 
@@ -356,7 +356,7 @@ def ready_folder(name: str | Path) -> Path:
     with _made(folder):
         if not os.access(folder, os.W_OK | os.X_OK):
             raise ConfigError(
-                f"cannot write into {folder}: permission denied; choose another folder."
+                f"cannot write into {folder}: permission denied; name another folder, or run where you may write."
             )
     return folder
 

@@ -565,12 +565,12 @@ def _check_inertia(craft: Spacecraft) -> None:
         _require(holds, craft, "inertia", rows, bound)
 
     rows = craft.inertia
-    require(
-        isinstance(rows, tuple) and len(rows) == 3 and all(map(_triple, rows)),
-        f"three rows of {_TRIPLE} kg m^2",
-    )
+    is_table = isinstance(rows, tuple) and [*map(np.shape, rows)] == [(3,)] * 3
+    if craft.dimension == 2 and is_table:
+        about_z = rows[2][2]
+        _require(_positive(about_z), craft, "inertia", about_z, f"{_POSITIVE} kg m^2 about z")
+    require(is_table and all(map(_triple, rows)), f"three rows of {_TRIPLE} kg m^2")
     if craft.dimension == 2:
-        require(_positive(rows[2][2]), f"{_POSITIVE} kg m^2 about z")
         return
     tensor = np.array(rows)
     require(

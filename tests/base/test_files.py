@@ -187,9 +187,7 @@ def test_a_folder_is_made_ready_before_the_work(tmp_path):
     assert ready_folder(wanted).is_dir()
     (tmp_path / "file").write_text("")
     for impossible in (tmp_path / "file", tmp_path / "file" / "runs"):
-        with pytest.raises(
-            ConfigError, match=r"cannot write into .*file.*; choose another folder\."
-        ):
+        with pytest.raises(ConfigError, match=r"cannot write into .*file.*; name another folder"):
             ready_folder(impossible)
 
 

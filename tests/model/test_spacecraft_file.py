@@ -87,6 +87,23 @@ inertia = 0.001
         parse_spacecraft(nothing, "probe.toml")
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("name = mine", 'name = "mine"'),
+        ("[thruster]", "[[thruster]]"),
+        ("inertia = nan", "got nan"),
+    ],
+)
+def test_a_slip_of_a_beginner_is_told(line, said):
+    text = to_toml(MADE).replace("dimension = 3", "dimension = 2")
+    key = line.partition(" ")[0]
+    kept = [row for row in text.split("\n") if row.partition(" ")[0] != key]
+    changed = "\n".join([line, *kept] if key != "[thruster]" else [*kept, line])
+    with pytest.raises(ConfigError, match=re.escape(said)):
+        parse_spacecraft(changed, "probe.toml")
+
+
 def test_files_that_cannot_be_read_are_named(tmp_path):
     (tmp_path / "folder.toml").mkdir()
     (tmp_path / "latin.toml").write_bytes(b'name = "\xe9"')
@@ -137,7 +154,7 @@ def test_spacecraft_made_in_python_by_their_module():
     ("name", "said"),
     [
         ("a.urdf.xacro", "xacro a.urdf.xacro > a.urdf"),
-        ("a.usda", "rans init"),
+        ("a.usda", "rans init a.toml"),
         ("A.TOML", "A.toml"),
     ],
 )
