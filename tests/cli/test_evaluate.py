@@ -31,7 +31,7 @@ def test_both_engines(capsys, run_folder):
         assert str(run_folder / f"{stem}.html") in text
         assert (run_folder / f"{stem}.html").is_file()
         written = json.loads((run_folder / f"{stem}.json").read_text())
-        assert written.keys() == {engine, "conditions", "about"}
+        assert written.keys() == {engine, "conditions", "seed", "about"}
     assert "<svg" in (run_folder / "evaluation.svg").read_text()
 
 

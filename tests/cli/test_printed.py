@@ -41,7 +41,7 @@ def test_what_a_training_suggests_is_of_tasks_that_a_comparison_takes(task):
 
 
 def study_of(*checks: Check, skipped: tuple[Skipped, ...] = ()) -> Study:
-    return Study("x", checks, {"seconds": 1.5}, skipped)
+    return Study("x", checks, {"seconds": {"all": 1.5}}, skipped)
 
 
 def test_validate_says_what_failed_and_where(monkeypatch, ran):

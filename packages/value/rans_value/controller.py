@@ -309,6 +309,8 @@ class Newest:
     has_trade_off: ClassVar[bool] = True
     observes = False
     slow = 32
+    files: tuple[Path, ...] = ()
+    """What it flies by, which evidence is of."""
 
     def __init__(
         self, craft: Spacecraft, task: Any, timing: Timing, trade_off: float | str = TRADE_OFF

@@ -49,6 +49,7 @@ def test_the_agent_is_the_policy(trained):
     assert 0.05 < actions.mean() < 0.95
 
 
+@pytest.mark.filterwarnings("ignore:.*is not the file of the training")
 def test_an_agent_for_another_spacecraft(run_folder):
     config = json.loads((run_folder / "config.json").read_text())
     other = {"floating-platform": "free-flyer", "free-flyer": "floating-platform"}[
@@ -59,6 +60,7 @@ def test_an_agent_for_another_spacecraft(run_folder):
         load_policy(run_folder)
 
 
+@pytest.mark.filterwarnings("ignore:.*is not the file of the training")
 def test_an_on_off_agent_for_throttles_is_refused(run_folder):
     """Same columns, same thrusters, other commands; the reverse is in `tests.fast.learn.test_duties`."""
     craft = RunFolder(run_folder).spacecraft()

@@ -57,6 +57,7 @@ def test_an_agent_is_trained_saved_and_flown(kind, tmp_path):
     np.testing.assert_allclose(ours.commands, drakes.commands, rtol=0, atol=1e-5)
 
 
+@pytest.mark.filterwarnings("ignore:.*is not the file of the training")
 def test_an_agent_for_other_actuators_is_refused(tmp_path):
     begun(tmp_path, Throttle()).train(ignore, after(1))
     (tmp_path / "run" / "spacecraft.toml").write_text(to_toml(PLATFORM))
