@@ -316,7 +316,7 @@ def _summary(trainer: Trainer, begun: int, stopped: bool, seconds: float) -> str
     ending = (
         "Stopped"
         if stopped
-        else "Solved"
+        else f"Solved, {100.0 * (trainer.config.solved_share or 1.0):.4g} % of its flights or more,"
         if trainer.solved
         else "Done"
         if trainer.config.solved_share is None

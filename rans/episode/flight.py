@@ -21,7 +21,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from rans.base.display import NotebookRepr, figure_of
-from rans.base.errors import ConfigError, RansWarning, brief, checked, counted
+from rans.base.errors import ConfigError, RansWarning, brief, checked, counted, text_of_name
 from rans.base.files import write_text
 from rans.base.settled import settled_alone
 from rans.effectors.wheels import wheel_speeds
@@ -230,15 +230,16 @@ class Flight(NotebookRepr):
         such a table.
 
         Raises:
-            ConfigError: there is no such episode, or the disk refused.
+            ConfigError: the file has no name, there is no such episode, or the disk refused.
         """
+        file = Path(text_of_name("a file", file, Path))
         self._check_episode(episode)
         states = leaves(replace(self.states, notes=None, stores=()))
         speeds = wheel_speeds(self.craft, self.states)
         columns = np.stack([np.asarray(x)[:, episode] for x in (*states, *speeds)], axis=1)
         further = tuple(f"s_{k} (rad/s)" for k in range(len(speeds)))
-        write_text(Path(file), table(self.times, columns, self.commands[:, episode], further))
-        return Path(file)
+        write_text(file, table(self.times, columns, self.commands[:, episode], further))
+        return file
 
     def rewards(self) -> dict[str, np.ndarray]:
         """Reward terms of every step by name, (T, N); 0 after an episode's end.

@@ -167,6 +167,9 @@ def test_an_episode_as_a_table_with_units(tmp_path):
     assert held[3] == [0.0] * 8
     with pytest.raises(ConfigError, match="episode must be >= 0 and < 2, got 2"):
         flight.to_csv(tmp_path / "flight.csv", 2)
+    nothing: Any = None
+    with pytest.raises(ConfigError, match="a file"):
+        flight.to_csv(nothing)
 
 
 def test_who_reads_states_alone_is_given_no_columns():

@@ -20,7 +20,6 @@ from tests.support.processes import PATIENCE
         ("evil.example:{}", "", False),
         ("", "", False),
         ("localhost:{}", "/", False),
-        ("localhost:{}", "/guess", False),
     ],
 )
 def test_who_knows_the_address_on_this_computer_is_answered(host, path, answered):

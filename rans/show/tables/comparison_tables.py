@@ -252,7 +252,7 @@ def verdict(comparison: Comparison) -> list[str]:
     solved = {entry.name: np.isfinite(_times(entry)) for entry in entries}
     losing = {name: one for name, one in solved.items() if not one.all()}
     lost = ", ".join(f"{name} ({100.0 * one.mean():.3g} %)" for name, one in losing.items())
-    unsolved = [f"Solved in part only, and not recommended: {lost}."] if losing else []
+    unsolved = [f"Not all flights solved, and so not recommended: {lost}."] if losing else []
     reliable = [entry for entry in entries if entry.name not in losing]
     if not reliable:
         return [f"Nobody solves all of {counted(episodes, 'start')}: {lost}."]
