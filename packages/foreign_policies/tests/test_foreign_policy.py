@@ -234,10 +234,10 @@ def test_a_network_that_may_take_any_time_is_refused(tmp_path):
 
 
 def test_a_network_that_takes_any_memory_is_refused(tmp_path):
-    nodes = [node("ConstantOfShape", "size", "long"), node("Max", "obs long", "actions")]
+    nodes = [node("ConstantOfShape", "size", "long"), node("MatMul", "obs long", "actions")]
     file = tmp_path / "long.onnx"
     ports = {"obs": ("N", 10)}, {"actions": ("N", 10)}
-    file.write_bytes(model_of(nodes, *ports, size=np.array([6 * 10**8])))
+    file.write_bytes(model_of(nodes, *ports, size=np.array([10, 6 * 10**7])))
     with pytest.raises(ConfigError, match=r"long.onnx .* asks for 2.4 GB"):
         user_policy(f"onnx:{file}", CRAFT, TASK).act(None, None, STEPS[0])
 
