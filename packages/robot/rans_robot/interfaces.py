@@ -25,7 +25,15 @@ from rans_robot.messages import (
     pack,
     unpack,
 )
-from rans_robot.monitor import Reading, command, finite_vector, frame_of_twist, unit
+from rans_robot.monitor import (
+    Reading,
+    command,
+    command_row,
+    finite_vector,
+    frame_of_twist,
+    require_ned,
+    unit,
+)
 
 RobotName = Literal["ros", "pose", "odometry", "px4", "roboran", "pingu"]
 PX4_MOTOR_COUNT = 12
@@ -208,12 +216,7 @@ class Interface:
         if topic == _PX4_MODE_TOPIC:
             return None
         message = unpack(self._row.kind, data)
-        row = np.asarray(numbers(message, self._row.field), dtype=float)
-        if len(row) != self._size:
-            raise ValueError(
-                f"the message has {len(row)} numbers, but must have {self._size}: is it for another spacecraft?"
-            )
-        values = row[self._places]
+        values = command_row(numbers(message, self._row.field), self._size)[self._places]
         if self._is_px4:
             values[np.isnan(values)] = 0.0
         return command(values, self._low, np.ones(len(self._low)))
@@ -228,11 +231,7 @@ def read_motion(kind: str, data: bytes) -> Reading:
         is_turn = name == "attitude"
         found[name] = unit(values) if is_turn else finite_vector(_NAMES[name], values)
     if kind == PX4_ODOMETRY:
-        if message.pose_frame != 1 or message.velocity_frame != 1:
-            raise ValueError(
-                f"pose_frame is {message.pose_frame} and velocity_frame {message.velocity_frame}, but "
-                "both must be 1, NED"
-            )
+        require_ned(message.pose_frame, message.velocity_frame)
         return Reading(int(message.timestamp_sample) * 1000, *swapped(Motion(**found)))
     head = message.header
     if kind == ODOMETRY:

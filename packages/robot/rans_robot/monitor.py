@@ -215,6 +215,16 @@ def command(values: Any, low: Any, high: Any) -> np.ndarray:
     return result.clip(low, high)
 
 
+def command_row(values: Any, size: int) -> np.ndarray:
+    """The numbers of a message of commands, checked (`ValueError`) to be as many as its valves and wheels."""
+    result = np.asarray(values, dtype=float)
+    if len(result) != size:
+        raise ValueError(
+            f"the message has {len(result)} numbers, but must have {size}: is it for another spacecraft?"
+        )
+    return result
+
+
 def _within(values: Iterable[float], low: Iterable[float], high: Iterable[float]) -> bool:
     """Whether every value is a number within its limits."""
     values = [*values]
@@ -351,6 +361,14 @@ def frame_of_twist(frame: str, child: str) -> str:
             f"{brief(frame)}: set it to the frame of the twist, such as base_link"
         )
     return "body"
+
+
+def require_ned(pose: int, velocity: int) -> None:
+    """Refuse (`ValueError`) frames of a PX4 odometry other than 1, NED."""
+    if pose != 1 or velocity != 1:
+        raise ValueError(
+            f"pose_frame is {pose} and velocity_frame {velocity}, but both must be 1, NED"
+        )
 
 
 class _Clock:

@@ -5,6 +5,7 @@ Each flight with a fault ends shut, and is flown again with its rule left out: v
 
 from __future__ import annotations
 
+import ast
 import json
 import threading
 import time
@@ -356,3 +357,51 @@ def test_the_page_has_the_table():
         for rule in RULES.values()
     ]
     assert page[begin:].split("\n\n")[0].splitlines()[2:] == rows
+
+
+FILES = {"bag", "logs", "messages"}
+"""Modules that refuse damaged files and bytes, before there is a reading or a command."""
+BOUNDS = {"LARGEST", "LONGEST_PERIOD", "OLDEST", "command_bounds"}
+"""What limits are made of."""
+
+
+def rules_in(name: str, source: str) -> list[str]:
+    """What a module other than the monitor judges or opens itself."""
+    found = []
+    for node in ast.walk(ast.parse(source)):
+        match node:
+            # A reading or a command is refused by a ValueError; what a user asks for, by a ConfigError.
+            case ast.Raise(exc=ast.Name("ValueError") | ast.Call(func=ast.Name("ValueError"))):
+                found += ["refuses"] * (name not in FILES)
+            case ast.ImportFrom(module="rans.evaluation.fly.exported" | "rans.effectors.commands"):
+                found += [alias.name for alias in node.names if alias.name in BOUNDS]
+            case ast.Assign(targets=targets) if any("RULES" in ast.unparse(t) for t in targets):
+                found.append("sets a limit")
+            # Other messages have a topic of their own; the twin is the robot's end of the bus.
+            case ast.Call(func=ast.Attribute(attr="publish"), args=[ast.Starred()]):
+                found += ["commands"] * (name not in {"valves", "twin"})
+    return found
+
+
+def test_no_rule_stands_elsewhere():
+    room = ROOT / "packages/robot/rans_robot"
+    found = {
+        path.relative_to(room): rules_in(path.stem, path.read_text("utf-8"))
+        for path in room.rglob("*.py")
+    }
+    # The search itself sees what the monitor has.
+    assert set(found.pop(Path("monitor.py"))) == {"refuses", "sets a limit", *BOUNDS}
+    assert {path: rules for path, rules in found.items() if rules} == {}
+
+
+@pytest.mark.parametrize(
+    "planted",
+    [
+        "if age > 2.0:\n    raise ValueError('stale')",
+        "from rans.evaluation.fly.exported import OLDEST",
+        "RULES['age'] = RULES['age']._replace(limits=(1e9, 3))",
+        "bus.publish(*message)",
+    ],
+)
+def test_a_rule_elsewhere_is_found(planted):
+    assert rules_in("pilot", planted)
