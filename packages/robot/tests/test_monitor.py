@@ -528,17 +528,6 @@ def test_a_command_that_is_none_is_refused(robot, value):
             ends.commanded(message.topic, changed(row[:3]))
 
 
-@pytest.mark.parametrize(
-    "given", [[NAN] * 8, [2.0] * 8, [-1.0] * 8, [1.0] * 7, [], 1.0, [[1.0] * 8]]
-)
-def test_an_agent_that_gives_no_command_shuts_the_valves(given, agent):
-    one = pilot(agent)
-    one.agent = Always(given)
-    decisions = fly(one, lambda one, k, now: states(one, AWAY, now), 4)
-    assert not any(opened(decisions))
-    assert "the agent: the command is" in decisions[-1].note
-
-
 class _Clock:
     """Stands in for `time`: passes while somebody sleeps, so that a flight is the same on any machine."""
 

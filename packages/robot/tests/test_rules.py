@@ -197,7 +197,9 @@ def test_what_a_contract_refuses_is_not_flown_in_any_form(form, motion, forms, m
     assert decided(forms[form], IMPOSSIBLE[motion]).command.any()
 
 
-@pytest.mark.parametrize("answer", [PUSH * 1.01, PUSH * np.nan, -PUSH, [1.0] * 9, [[1.0] * 8]])
+@pytest.mark.parametrize(
+    "answer", [PUSH * 1.01, PUSH * np.nan, -PUSH, [1.0] * 9, [[1.0] * 8], [], 1.0]
+)
 def test_a_command_that_is_none_shuts(answer, agent, monkeypatch):
     monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(answer))
     decision = decided(agent)
