@@ -90,16 +90,15 @@ def test_every_mode_is_gymnasiums_own(mode, conditions):
     assert won or mode != AutoresetMode.SAME_STEP
 
 
-def test_without_a_seed_episodes_are_counted_on():
+def test_resets_count_on_and_observations_are_contiguous_without_gradients():
     env = make()
     first = env.reset(seed=3)[0].clone()
-    assert (env.reset()[0] != first).any(dim=1).all()  # episodes are counted on
-
-
-def test_observations_are_contiguous_and_the_length_of_episodes_is_told():
-    env = make()
-    assert env.reset(seed=1)[0].is_contiguous()
-    assert env.step(actions()[0])[0].is_contiguous()
+    again = env.reset()[0]
+    assert (again != first).any(dim=1).all()  # episodes are counted on
+    assert again.is_contiguous()
+    seen = env.step(actions()[0].float().requires_grad_())[0]
+    assert seen.is_contiguous()
+    assert not seen.requires_grad
     assert env.spec is not None
     assert env.spec.max_episode_steps == SHORT.episode_steps
 
@@ -123,12 +122,6 @@ def test_the_reward_threshold_tells_good_agents_from_idle_ones():
     good, threshold = _mean_return(lambda observation: agent.predict(observation)[0])
     idle, _ = _mean_return(lambda observation: np.zeros((len(observation), 8), np.int8))
     assert idle < 0.5 * threshold < threshold < good
-
-
-def test_gradients_end_at_the_environment():
-    env = make()
-    env.reset(seed=1)
-    assert not env.step(actions()[0].float().requires_grad_())[0].requires_grad
 
 
 @pytest.mark.filterwarnings("ignore:.*precision lowered")  # Gymnasium's own, where it rescales
