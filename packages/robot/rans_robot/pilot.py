@@ -125,6 +125,15 @@ class Plan:
                 raise ConfigError(f"the numbers of a {what} must be finite, got {several}.")
         positive("lost_after", self.lost_after)
         positive("wait", self.wait)
+        # Where noise is taken for all motion, velocities are about 0 at any speed.
+        most = RULES["jump"].limits[:2]
+        for noise, limit in zip(self.pose_noise, most, strict=True):
+            positive("pose_noise", noise)
+            if noise > limit:
+                raise ConfigError(
+                    f"pose_noise is {self.pose_noise}, but must be at most {most[0]:g} m and {most[1]:g} rad: is "
+                    "it in m and rad?"
+                )
 
 
 class Decision(NamedTuple):

@@ -9,7 +9,9 @@ import ast
 import json
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -23,7 +25,7 @@ from rans_robot.bus import open_bus
 from rans_robot.frames import Motion
 from rans_robot.interfaces import Interface, RobotName
 from rans_robot.messages import FLOATS, unpack
-from rans_robot.monitor import RULES, Link
+from rans_robot.monitor import RULES, Link, Monitor
 from rans_robot.node import fly_over, replay_bag
 from rans_robot.pilot import Decision, MessagePilot
 from rans_robot.twin import FAULTS, Craft, Fault, TwinPlan, run_twin
@@ -214,30 +216,82 @@ def test_a_command_that_is_none_shuts(answer, agent, monkeypatch):
 NUMBERS = [0.0, -1.0, 1e6, float("nan"), float("inf"), None, "1"]
 
 
+def numbers_in(value: Any, *path: Any) -> Iterator[tuple[Any, ...]]:
+    """Paths of all numbers in a table."""
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        yield path
+    if isinstance(value, dict | list):
+        for key, one in value.items() if isinstance(value, dict) else enumerate(value):
+            yield from numbers_in(one, *path, key)
+
+
+def is_wider(folder: Path, contract: dict[str, Any], own: dict[str, Any]) -> bool:
+    """Whether a monitor with a contract lets through what it refuses with the agent's own."""
+    craft = load_spacecraft(folder / "spacecraft.toml")
+    interface = Interface("ros", craft.command_count, craft.thruster_count)
+    monitor = Monitor(craft, contract, interface, plan(folder))
+    beyond = [column["refused"] for column in own["observation"]]
+    rows = [np.zeros(len(beyond)) for _ in range(2 * len(beyond))]
+    for k, row in enumerate(rows):
+        # 1e-3 of a range is more than float32 rounds.
+        low, high = beyond[k // 2]
+        row[k // 2] = low - 1e-3 * (high - low) if k % 2 else high + 1e-3 * (high - low)
+    for judge, value in [
+        *((monitor.observed, row) for row in rows),
+        (monitor.commanded, 1.01 * PUSH),
+    ]:
+        try:
+            judge(value)
+        except ValueError:
+            continue
+        return True
+    return monitor.oldest > own["readings"]["oldest"] or monitor.period != own["control_period"]
+
+
 @pytest.mark.parametrize("value", NUMBERS)
 def test_no_number_of_a_contract_widens_a_limit(value, agent, tmp_path):
-    """Each number that a flight goes by, set to 0, to its opposite, 1e6 times as large or to no number."""
+    """Each number that it has, set to 0, to its opposite, 1e6 times as large or to no number."""
     own = read_contract(agent)
     (tmp_path / "spacecraft.toml").write_bytes((agent / "spacecraft.toml").read_bytes())
-    places: list[Callable[[Any], tuple[Any, Any]]] = [
-        lambda about: (about, "control_period"),
-        lambda about: (about["readings"], "oldest"),
-        lambda about: (about["observation"][3]["refused"], 0),
-        lambda about: (about["observation"][3]["refused"], 1),
-    ]
-    for place in places:
+    refused = set()
+    for path in numbers_in(own):
         about = json.loads(json.dumps(own))
-        table, key = place(about)
-        was = table[key]
-        table[key] = was * value if isinstance(value, float) else value
+        *within, key = path
+        table = reduce(getitem, within, about)
+        table[key] = table[key] * value if isinstance(value, float) else value
+        if table[key] == reduce(getitem, path, own):  # as 0 times 0
+            continue
         (tmp_path / "contract.json").write_text(json.dumps(about))
         try:
             read = read_contract(tmp_path)
         except ConfigError:
+            refused.add(path[:2])
             continue
-        # What is read is tighter, or the other end of a range that still holds the craft's goal.
-        assert place(read)[0][place(read)[1]] == 0.0 or abs(was * value) <= abs(was)
-        assert key in (0, 1)
+        assert not is_wider(tmp_path, read, own), path
+    assert {("control_period",), ("readings", "oldest")} <= refused
+
+
+@pytest.mark.parametrize("value", NUMBERS)
+@pytest.mark.parametrize("name", ["goal", "pose_noise", "lost_after", "wait"])
+def test_no_number_of_a_plan_opens_a_valve(name, value, agent, monkeypatch):
+    monkeypatch.setattr("rans_robot.pilot.exported_agent", lambda _: Always(PUSH))
+    several = {"goal": (1.0, 1.0, 30.0), "pose_noise": (0.002, 0.005)}
+    ours: Any = several.get(name, (1.0,))
+    changed = tuple(x * value if isinstance(value, float) else value for x in ours)
+    planned: Any = {name: changed if name in several else changed[0]}
+    if not (name == "goal" and value in (0.0, -1.0, 1e6)) and not (
+        value == 1e6 and name in ("lost_after", "wait")
+    ):
+        with pytest.raises(ConfigError, match=name):
+            plan(agent, **planned)
+        return
+    flight = plan(agent, **planned)
+    # What is impossible, and what is too old, shuts.
+    for motion, late in ((IMPOSSIBLE["50 km"], 0), (AWAY, 3 * SECOND)):
+        pilot = MessagePilot(flight, GoToPose())
+        for one in pilot.interface.state(motion, NOW):
+            pilot.receive(one.topic, one.data, NOW)
+        assert not pilot.decide(NOW + late).command.any()
 
 
 @pytest.mark.parametrize("is_left_out", [False, True])
