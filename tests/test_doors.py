@@ -22,6 +22,7 @@ from rans_missions.ccsds import OrbitState, relative_state, write_ccsds
 import rans
 from rans import ConfigError
 from rans.episode.scenario import scenarios
+from tests.support.policies import Counting
 
 COUNT = 3
 PLATFORM = rans.load_spacecraft("floating-platform")
@@ -241,17 +242,6 @@ def test_an_empty_name_is_not_the_current_folder(name, here):
 
 
 # Policies: observations, ends of episodes and memories
-
-
-class Counting:
-    """A policy of another library with a memory."""
-
-    def predict(
-        self, observation: Any, state: Any = None, episode_start: Any = None, **_: Any
-    ) -> Any:
-        count = np.zeros(len(observation), int) if state is None else state[0]
-        count = np.where(episode_start, 0, count)
-        return (np.arange(8) <= count[:, None]).astype(int), (count + 1,)
 
 
 @cache

@@ -22,28 +22,12 @@ from rans.evaluation.fly.object_policy import ObjectPolicy
 from rans.evaluation.fly.user_policy import UserPolicy, user_policy
 from rans.model.spacecraft_file import load_spacecraft
 from tests.support.graphs import model_of, step as node
+from tests.support.policies import Counting
 
 CRAFT = load_spacecraft("floating-platform")
 TASK = GoToPose()
 STEPS = np.random.default_rng(2).normal(size=(5, 6, 10)).astype(np.float32)
 """Observations of five control periods of six episodes."""
-
-
-class Counting:
-    """Opens as many thrusters as control periods have passed since the episode began, as LSTMs of sb3-contrib do:
-    the state is the second result, and zeros where an episode starts."""
-
-    def predict(
-        self,
-        observation: np.ndarray,
-        state: tuple[np.ndarray, ...] | None = None,
-        episode_start: np.ndarray | None = None,
-        deterministic: bool = False,
-    ) -> tuple[np.ndarray, tuple[np.ndarray, ...]]:
-        count = np.zeros(len(observation), int) if state is None else state[0]
-        if episode_start is not None:
-            count = np.where(episode_start, 0, count)
-        return (np.arange(8) <= count[:, None]).astype(int), (count + 1,)
 
 
 def opened(policy: UserPolicy) -> list[list[int]]:

@@ -16,24 +16,17 @@ from rans.episode.scenario import scenarios
 from rans.episode.step import Setup, World, step
 from rans.model.drift import ClohessyWiltshire
 from rans.model.dynamics import SpatialState
-from rans.model.fields import Quat, Vec2, Vec3, leaves
+from rans.model.fields import Vec2, Vec3, leaves
 from rans.model.spacecraft_file import load_spacecraft
 from rans.reference.flight import DrakeMover
 from tests.support.clohessy_wiltshire import transition
+from tests.support.orbit_states import at
 
 DEPUTY = load_spacecraft("afrl-deputy")
 N = 0.001027
 """rad/s"""
 TIMING = Dock.timing
 SHUT = (0.0,) * 6
-
-
-def at(p: tuple[float, ...], v: tuple[float, ...]) -> Any:
-    """A state of one craft, without rotation."""
-    zero = np.zeros(1)
-    place = Vec3(*(np.array([x]) for x in p))
-    velocity = Vec3(*(np.array([x]) for x in v))
-    return SpatialState(place, Quat(zero + 1.0, zero, zero, zero), velocity, Vec3(zero, zero, zero))
 
 
 def notes(deadline: float) -> Plan:
