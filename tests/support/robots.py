@@ -15,11 +15,21 @@ from rans_robot.bag import BagMessage, BagWriter
 from rans_robot.bus import Receive, UDPBus
 from rans_robot.frames import Motion, quaternion_of
 from rans_robot.messages import TEXT
-from rans_robot.pilot import Plan
+from rans_robot.pilot import Decision, Plan
 
 from tests.support.processes import ROOT, wait_until
 
 AWAY = Motion(np.array([2.0, 1.0, 0.0]), quaternion_of(0.5), np.zeros(3), np.zeros(3))
+
+
+SECOND = 10**9
+NOW = 1_700_000_000 * SECOND
+"""A clock of these years, ns."""
+
+
+def opened(decisions: list[Decision]) -> list[bool]:
+    """Whether valves are open, by decision."""
+    return [bool(decision.command.any()) for decision in decisions]
 
 
 def plan(folder: Path, **changes: Any) -> Plan:

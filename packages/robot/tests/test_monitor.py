@@ -33,13 +33,10 @@ from rans_robot.pilot import (
 from rans_robot.twin import VALVES_TOPIC, TwinPlan, run_twin
 
 from rans import GoToPose
-from tests.support.robots import AWAY, Always, Wire, plan
+from tests.support.robots import AWAY, NOW, SECOND, Always, Wire, opened, plan
 
 ROBOTS: tuple[RobotName, ...] = get_args(RobotName)
-SECOND = 10**9
 PERIOD = 0.2
-NOW = 1_700_000_000 * SECOND
-"""A clock of these years, ns."""
 
 
 def pilot(agent: Path, robot: RobotName = "ros", **changes: Any) -> MessagePilot:
@@ -67,10 +64,6 @@ def fly(pilot: MessagePilot, sender: Sender, periods: int = 20) -> list[Decision
             pilot.receive(topic, data, now + number)
         found.append(pilot.decide(now + round(0.19 * SECOND)))
     return found
-
-
-def opened(decisions: list[Decision]) -> list[bool]:
-    return [bool(decision.command.any()) for decision in decisions]
 
 
 # Flights whose valves are shut from some period on

@@ -35,10 +35,8 @@ from rans.base.pretrained import pretrained_folder
 from rans.deploy.export import write_export
 from rans.evaluation.fly.exported import read_contract
 from tests.support.processes import ROOT
-from tests.support.robots import AWAY, Always, Wire, plan
+from tests.support.robots import AWAY, NOW, SECOND, Always, Wire, opened, plan
 
-SECOND = 10**9
-NOW = 1_700_000_000 * SECOND
 RATE = 25
 PERIOD = 0.2
 STEPS = round(RATE * PERIOD)
@@ -122,10 +120,6 @@ def flown(folder: Path, robot: RobotName, fault: Fault, periods: int = 13) -> li
         craft.hold(decision.command)
         found.append(decision)
     return found
-
-
-def opened(decisions: list[Decision]) -> list[bool]:
-    return [bool(decision.command.any()) for decision in decisions]
 
 
 def leave_out(monkeypatch: pytest.MonkeyPatch, rule: str, limits: tuple[float, ...]) -> None:
