@@ -61,7 +61,7 @@ class List:
             "agent": (f"rans evaluate {name}",),
             "task": (f"rans train {name}",),
         }
-        usual = "rans evaluate go-to-pose-2d-trade-off#0.5", "rans train go-to-pose"
+        usual = "rans evaluate any-craft-2d", "rans train go-to-pose"
         return follows.get(kind, usual)
 
     def run(self) -> int:

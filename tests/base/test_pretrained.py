@@ -55,7 +55,7 @@ def test_every_agent_has_a_recipe_and_is_in_one_distribution():
     core = {file.name for file in FOLDER.iterdir()}
     others = {file.name for file in (ROOT / "agents" / PACKAGE).iterdir() if file.is_dir()}
     others.discard("__pycache__")
-    assert len(core) == 7
+    assert len(core) == 6
     assert not core & others
     assert pretrained_names() == sorted(core | others)
     # The programs that trained the agents for any craft have left.
@@ -76,11 +76,11 @@ def test_the_core_has_the_agents_of_commands_that_a_newcomer_types():
 
 
 def test_without_the_second_distribution(monkeypatch, ran):
-    """Seven agents are left; any other is a sentence with the command that installs it."""
+    """Six agents are left; any other is a sentence with the command that installs it."""
     monkeypatch.setattr("rans.base.pretrained.PACKAGE", "rans_agents_of_nobody")
     monkeypatch.setitem(EXTRAS, "rans_agents_of_nobody", "agents")
-    assert len(pretrained_names()) == 7
-    assert len(missing_agents()) == len(agent_recipes()) - 5
+    assert len(pretrained_names()) == 6
+    assert len(missing_agents()) == len(agent_recipes()) - 4
     with pytest.raises(
         MissingPackage, match=r"^The agent avoid-2d needs .* pip install .*/agents$"
     ):
@@ -88,7 +88,7 @@ def test_without_the_second_distribution(monkeypatch, ran):
     with pytest.raises(MissingPackage):
         contestant("avoid-2d")
     assert contestant("go-to-pose-3d").controller.name == "go-to-pose-3d"
-    assert f"20 more agents: python -m pip install {ROOT / 'agents'}" in ran("list agents")
+    assert f"21 more agents: python -m pip install {ROOT / 'agents'}" in ran("list agents")
 
 
 def test_an_agent_of_the_core_has_precedence(tmp_path, monkeypatch):
