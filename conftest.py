@@ -98,7 +98,7 @@ def pytest_collect_file(file_path: Path, parent: pytest.Collector) -> Refusals |
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Beside the test of all tables none is run by itself."""
+    """Leave a single table of refusals out where the test of all tables is collected too."""
     if any(item.path.name == "test_refusals.py" for item in items):
         items[:] = [item for item in items if not isinstance(item.parent, Refusals)]
 

@@ -39,7 +39,7 @@ def least() -> list[str]:
 
 @pytest.mark.slow
 def test_a_command_of_each_kind_runs_on_the_least_versions(tmp_path):
-    """Beside the other installed packages; they are fetched from the index, without which nothing is said."""
+    """Least versions are fetched from the index into a folder; without a network the test is skipped."""
     old = tmp_path / "old"
     install = [sys.executable, "-m", "pip", "install", "--quiet", "--target", str(old)]
     fetched = subprocess.run([*install, *least()], capture_output=True, text=True, check=False)

@@ -29,7 +29,7 @@ from tests.support.torquer import Fan
 from validation.study.sampling import gap
 
 PLACE = (0.1, -0.05, 0.0)
-"""Beside the centre of mass, in the plane of the planar craft, m."""
+"""Place of an effector away from the centre of mass, in the plane of the planar craft, m."""
 OF_KINDS: dict[str, Any] = {
     "fan": {"further_effectors": (Fan(0.3, PLACE),)},
     "torquer": {"further_effectors": (Torquer((0.0, 0.6, 0.8), 0.05, 1.5),)},

@@ -139,7 +139,7 @@ class Row:
     """Empty: there is no evidence, and `command` would make it."""
     passed: bool | None
     command: str
-    """Of a row without evidence, with {agent}, {craft} and {folder}; empty: nothing answers the question."""
+    """Command that makes missing evidence, with {agent}, {craft} and {folder}; empty: there is none."""
     file: str = ""
     """File of the evidence, below the agent's folder."""
     date: str = ""

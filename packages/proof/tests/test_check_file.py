@@ -202,7 +202,7 @@ def test_formulas_are_computed_as_python_does_or_refused_by_both(text):
 
 
 def test_a_theorem_prints_what_was_parsed():
-    """Of 0x10 and brackets that mean nothing their values, on one line; of a number that is rounded the double."""
+    """A hexadecimal number is printed as its value, and a number that is rounded as its double."""
     text = PROBLEM.replace('"0.1 * u0"', '"(0x10 *\\n u0) / 1_0 + 0.30000000000000000001"')
     assert "x1' = 16 * u0 / 10 + 0.3\n" in statement(problem_table(text))
 

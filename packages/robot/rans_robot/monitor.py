@@ -597,7 +597,7 @@ class Monitor:
         self._gap = np.zeros(6)
         """Changes of pose, m and rad, that velocities did not make, in all."""
         self._gaps: deque[list[float]] = deque(maxlen=2 + math.ceil(_WINDOW / self.period))
-        """The same at the last decisions."""
+        """Those changes as they stood at the last decisions."""
         self._given = 0.0
         """Change of speed, m/s, or of spin, rad/s, by the last command."""
         self._began: int | None = None

@@ -272,7 +272,7 @@ def test_the_common_values_fly_in_a_world_that_is_not_the_file(spin, conditions)
 
 @pytest.mark.parametrize("left", [6, 8])
 def test_failures_are_expected_of_thrusters_that_a_craft_can_do_without(left):
-    """Of six of the platform's none; then the thrust of each may be off alone."""
+    """A platform with six thrusters can spare none: only the thrust of each may be off."""
     craft = replace(PLATFORM, thrusters=PLATFORM.thrusters[:left])
     controller: Any = Newest(craft, TASK, Timing()).expecting(None)._flown
     spread = controller._belief._spread.diagonal()[6:][:3].sum().sqrt()

@@ -29,7 +29,7 @@ LONGEST_PERIOD = 100.0
 LARGEST = {"m": 1e5, "m/s": 100.0, "rad/s": 100.0}
 """No reading is larger, beyond all that a thruster-driven craft near its goal does."""
 _LARGEST_OTHER = 1e6
-"""Of columns in other units."""
+"""Largest reading of a column in any other unit."""
 
 
 def longest_age(period: float) -> float:

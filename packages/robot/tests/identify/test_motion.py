@@ -95,7 +95,7 @@ def test_windows_of_two_readings_leave_the_noise_of_each_channel_to_itself():
 
 
 def test_what_is_fitted_takes_degrees_of_freedom_of_its_channel():
-    """Of 21 spins each, 16 numbers of the craft take a third. 252 of them tell the noise to 6 %."""
+    """16 numbers of the craft explain a third of 21 spins; 252 spins estimate the noise to 6 %."""
     logs, _ = hidden_flights(PLATFORM, 12, 4.2, 0.2, seed=5)
     variances = [fit(PLATFORM, [log], window=4.2).noise["spin"] ** 2 for log in logs]
     assert np.sqrt(np.mean(variances)) == pytest.approx(0.00873, rel=0.12)
